@@ -1,6 +1,6 @@
 """Folds whose own motion is solved, as a bake does it, in this process."""
 
-from wrinklecli.effects.contact.crease import Crease, Surface, distances_from_crossings, resolve
+from wrinklecli.effects.contact.crease import Crease, Surface, distances_from_crossings, poses_of_sweeps, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.numeric.arrays import Ints
 
@@ -10,4 +10,5 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     apart = distances_from_crossings(fold, further)
     assert apart is not None
     surface = Surface.of(fold, apart)
-    return resolve(surface, [surface.sweep(*each) for each in surface.sweeps_to_solve], share=0.35, most=most)
+    sweeps = [surface.sweep(*each) for each in surface.sweeps_to_solve]
+    return resolve(surface, poses_of_sweeps(surface, sweeps), share=0.35, most=most)

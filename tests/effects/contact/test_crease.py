@@ -91,10 +91,9 @@ FAR, BEGUN = SimpleNamespace(far=True), SimpleNamespace(far=False)
     ("number", "poses", "raises"), [(0, (), True), (0, (BEGUN,), True), (0, (BEGUN, FAR), False), (1, (), False)]
 )
 def test_a_straight_sweep_that_settles_nowhere_beyond_30_degrees_ends_the_search(
-    number: int, poses: tuple[Any, ...], raises: bool, monkeypatch: pytest.MonkeyPatch
+    number: int, poses: tuple[Any, ...], raises: bool
 ) -> None:
     """One that leans may fail: it stands for turns that few clips have."""
-    monkeypatch.setattr(creases, "_compressed", lambda _, found, **__: found)
     hinge = SimpleNamespace(leanings=np.array([[0.0, 0.0], [0.0, 5.0]]))
     surface: Any = SimpleNamespace(fold=SimpleNamespace(hinge=hinge))
     reason: Any = SimpleNamespace(reason="it is torn")
@@ -102,23 +101,6 @@ def test_a_straight_sweep_that_settles_nowhere_beyond_30_degrees_ends_the_search
     sound: Any = SimpleNamespace(failed=None, poses=(BEGUN,), number=0)
     if raises:
         with pytest.raises(UnresolvedError, match="it is torn"):
-            creases.resolve(surface, [failed, sound], share=0.1, most=8)
+            creases.poses_of_sweeps(surface, [failed, sound])
     else:
-        assert creases.resolve(surface, [failed, sound], share=0.1, most=8) == [*poses, BEGUN]
-
-
-@pytest.mark.parametrize("with_clip", [False, True])
-def test_leaning_sweeps_may_cross_where_clips_are_solved(with_clip: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    poses = [SimpleNamespace(found=None, folded=1.0, lean=lean) for lean in (0, 1, 2)]
-    poses += [SimpleNamespace(found=None, folded=None, lean=0)] * with_clip
-    asked: list[list[bool]] = []
-
-    def noted(*_: object, demanded: Any, **__: object) -> Any:
-        asked.append(demanded.tolist())
-        raise InterruptedError
-
-    monkeypatch.setattr(creases, "fit_poses", noted)
-    surface: Any = SimpleNamespace(fold=None, tissue=SimpleNamespace(free=np.ones(3, bool), own=np.ones(3, bool)))
-    with pytest.raises(InterruptedError):
-        creases._compressed(surface, poses, share=0.5, least=1, most=8)  # type: ignore[arg-type]
-    assert asked == [[True, False, False, True] if with_clip else [True, True, True]]
+        assert creases.poses_of_sweeps(surface, [failed, sound]) == [*poses, BEGUN]

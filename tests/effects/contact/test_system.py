@@ -13,7 +13,7 @@ from kit.folds import FOLDS
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import distances_from_crossings
+from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, free_rows
@@ -124,11 +124,11 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     assert not len(crease.shapes)
     solved = crease.march(clips[0], np.linspace(clips[0].start, clips[0].end, 31))
     assert crease.follow(solved).crossing
-    wider = crease.spanning([*solved.poses(solved.touching)], share=0.35, most=4)
+    wider = resolve(crease, [*solved.poses(solved.touching)], share=0.35, most=4)
     assert not wider.follow(solved).crossing
 
-    def lost(found: Solution, shapes: Floats, *_: object, **__: object) -> tuple[Floats, Floats, bool]:
-        return np.zeros(len(shapes)), np.ones(len(found.error_weights)), True
+    def lost(_: Solution, shapes: Floats, **__: object) -> tuple[Floats, bool]:
+        return np.zeros(len(shapes)), True
 
     # A fit that finds none has the weights with which the shapes were made.
     monkeypatch.setattr("wrinklecli.effects.contact.crease.fit_pose", lost)

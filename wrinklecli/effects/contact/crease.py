@@ -1,9 +1,9 @@
 """Creases: the contact in a fold as few fixed shapes for any clip, solved for the joint's own motion.
 
-The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. The solutions of these
-sweeps are compressed into shapes. Each clip is solved, too. Its weights are looked up by the joint's turn, as players
-do it for clips that were never baked, or fitted to the solutions where that is much nearer. Where these shapes leave
-crossings in a clip, the sweeps and the poses of the clips are compressed together into other, few more shapes.
+The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. Each clip is solved,
+too. The solutions of sweeps and clips are compressed together into few shapes. The weights of a clip are looked up by
+the joint's turn, as players do it for clips that were never baked, or fitted to the solutions where that is much
+nearer.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -36,7 +36,6 @@ from wrinklecli.effects.contact.solution import (
     solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
-from wrinklecli.effects.contact.trail import Trail, fresh_frames
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.closest import nearest_of
@@ -196,7 +195,6 @@ class Crease(Surface):
         largest: Greatest move in the solutions, scene units.
         squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
-        spans_clips: True if the shapes are also those of clips.
         clip_weights: The weights of the shapes in the poses of clips that they are made of, by clip and time.
     """
 
@@ -208,7 +206,6 @@ class Crease(Surface):
     largest: float
     squeezed: float
     crossing: int
-    spans_clips: bool = False
     clip_weights: Mapping[tuple[int, float], Floats] = field(default_factory=dict)
 
     @property
@@ -225,23 +222,33 @@ class Crease(Surface):
         shapes may make more crossings than they take away; such a clip gets no contact.
         """
         looked = self._looked_up(marched.clip, marched.times)
-        if self._about_as_good(marched, looked):
-            weights, crossing = self._weights(marched, looked, keep=True)
-            if not crossing:
-                followed = self._fitted(marched, looked, weights, crossing)
-                if not followed.unspanned:
-                    return self._held(marched, looked, followed)
-        followed = self._fitted(marched, np.zeros_like(looked), *self._weights(marched, looked, keep=False))
-        return self._held(marched, looked, followed)
+        for keep in (True, False) if self._about_as_good(marched, looked) else (False,):
+            weights, crossing = self._weights(marched, looked, keep=keep)
+            unspanned, error = list(crossing), 0.0
+            for frame in marched.touching:
+                found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
+                error = max(error, found.greatest_error(moved))
+                if frame not in crossing and _loses_volume(found, moved):
+                    unspanned.append(frame)
+            if not unspanned:
+                break
+        return Followed(
+            marched.clip,
+            marched.times,
+            self._held(marched, looked, weights),
+            error * self.fold.radius / UNITS,
+            tuple(crossing),
+            tuple(sorted(unspanned)),
+            marched.faults,
+        )
 
-    def _held(self, marched: "MarchedClip", looked: Floats, followed: "Followed") -> "Followed":
-        """The fit, with the weights of the last good frame, and of the next, in frames with a fault.
+    def _held(self, marched: "MarchedClip", looked: Floats, weights: Floats) -> Floats:
+        """(frames, shapes) weights, with those of the last good frame, and of the next, in frames with a fault.
 
         A clip without a good frame has weights that are `looked` up: at its end, a table holds the last good ones.
         """
         good = np.setdiff1d(np.arange(len(looked)), sorted(marched.faults))
-        weights = interpolated(marched.times, marched.times[good], followed.weights[good]) if len(good) else looked
-        return replace(followed, weights=weights)
+        return interpolated(marched.times, marched.times[good], weights[good]) if len(good) else looked
 
     def _weights(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> tuple[Floats, list[int]]:
         """Fit (frames, shapes) weights to the solutions, frame by frame, and find the frames that they leave crossing.
@@ -249,13 +256,11 @@ class Crease(Surface):
         Weights that are `looked` up are kept where possible, if asked: then the first frame that crosses ends the fit.
         """
         weights = np.where(keep, looked, 0.0)
-        urgent: Floats | None = None
         crossing: list[int] = []
         for frame in marched.touching:
-            found, known = marched.solution(frame), looked[frame] if keep else None
-            weights[frame], urgent, crosses = fit_pose(found, self.shapes, urgent, known=known)
+            found = marched.solution(frame)
+            weights[frame], crosses = fit_pose(found, self.shapes, known=looked[frame] if keep else None)
             if crosses:
-                urgent = None
                 # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
                 made = self.clip_weights.get((marched.clip.index, float(marched.times[frame])), looked[frame])
                 for other in (looked[frame], made):
@@ -267,55 +272,6 @@ class Crease(Surface):
                 if keep:
                     break
         return weights, crossing
-
-    def _fitted(self, marched: "MarchedClip", known: Floats, weights: Floats, crossing: Sequence[int]) -> "Followed":
-        """The fit with (frames, shapes) weights that leave some frames crossing; they come from `known` ones, or 0."""
-        weights = weights.copy()
-        self._bring_together(marched, weights, known, crossing)
-        error = 0.0
-        unspanned = list(crossing)
-        for frame in marched.touching:
-            found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
-            error = max(error, found.greatest_error(moved))
-            if frame not in crossing and _loses_volume(found, moved):
-                unspanned.append(frame)
-        error *= self.fold.radius / UNITS
-        return Followed(
-            marched.clip, marched.times, weights, error, tuple(crossing), tuple(sorted(unspanned)), marched.faults
-        )
-
-    def _bring_together(self, marched: "MarchedClip", weights: Floats, known: Floats, crossing: Sequence[int]) -> None:
-        """Let frames with the same turn of the joint leave known weights alike where this leaves no crossing.
-
-        Later frames take over what earlier ones have, and then earlier ones what later ones have where this fits both.
-        All weights are (frames, shapes); frames that are `crossing` keep theirs.
-        """
-        reading = self.fold.hinge.reading(self.fold.rig, marched.clip, marched.times)
-        frames = range(len(weights))
-        for each in (frames, reversed(frames)):
-            trail = Trail.of(reading)
-            for frame in each:
-                if frame in marched.faults:
-                    continue
-                found, met = marched.solutions[frame], trail.at(frame)
-                if met is None:
-                    trail.go_on(frame, weights[frame] - known[frame])
-                elif found is not None and frame not in crossing:
-                    beside, share = met
-                    weights[frame] = self._as_before(found, weights[frame], known[frame] + beside, share)
-
-    def _as_before(self, found: Solution, fitted: Floats, before: Floats, share: float) -> Floats:
-        """The (shapes,) weights of a pose whose turn the joint has had: between those of `before` and the fitted ones.
-
-        Those of before count by their share, as far as they are about as near; what crosses there is fitted.
-        """
-        moved = combined(before, self.shapes)
-        if np.allclose(before, fitted) or found.tears(moved) or _loses_volume(found, moved):
-            return fitted
-        further = found.visible_error(moved) - found.visible_error(combined(fitted, self.shapes))
-        share *= _AS_NEAR / max(further, _AS_NEAR)
-        weights, _, crosses = fit_pose(found, self.shapes, known=share * before + (1.0 - share) * fitted)
-        return fitted if crosses else weights
 
     def _about_as_good(self, marched: "MarchedClip", looked: Floats) -> bool:
         """True if (frames, shapes) weights tear nothing, keep the volume, and are about as near as fitted weights.
@@ -335,12 +291,8 @@ class Crease(Surface):
         scale = float(np.cbrt(np.abs(np.linalg.det(worst.matrices)).max(initial=0.0)))
         if scale * float((np.abs(looked[still]) @ self.sizes).max(initial=0.0)) > _AS_NEAR:
             return False
-        fitted, _, _ = fit_pose(worst, self.shapes)
+        fitted, _ = fit_pose(worst, self.shapes)
         return furthest <= worst.visible_error(combined(fitted, self.shapes)) + _AS_NEAR
-
-    def spanning(self, poses: "Sequence[SolvedPose]", *, share: float, most: int) -> "Crease":
-        """The same fold with shapes for its sweeps and for some poses of clips; arguments are as in `resolve`."""
-        return _compressed(self, (*self.sweeps, *poses), share=share, least=max(len(self.shapes), 1), most=most)
 
     def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
@@ -363,7 +315,7 @@ class Crease(Surface):
     def with_path(self, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
 
-        Rows are added where players are furthest off, of the frames in which the turn is fresh.
+        Rows are added where players are furthest off.
         """
         response, hinge, weights = self.response, self.fold.hinge, followed.weights
         largest = float(np.max(self._lengths(weights), initial=0.0))
@@ -375,15 +327,14 @@ class Crease(Surface):
         # Nothing touches in the stored pose, whatever other joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
-        fresh = fresh_frames(reading, kept)
         best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), response
-        rows = sorted({*fresh[:1], *fresh[-1:]})
+        rows = sorted({0, len(kept) - 1})
         while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
             tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
             errors = self._lengths(tried.weights(reading) - weights)
             if errors.max() < best:
                 best, found = float(errors.max()), tried
-            further = np.setdiff1d(fresh, rows)
+            further = np.setdiff1d(np.arange(len(kept)), rows)
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
         return replace(self, response=found)
 
@@ -531,43 +482,35 @@ def _in_clip(
         yield from solutions_in(fold, tissue, clip, part, start)
 
 
-def resolve(surface: Surface, solved: "Iterable[Sweep]", *, share: float, most: int) -> Crease:
-    """Compress the solved sweeps of a fold, in their order.
-
-    There are no shapes yet if only clips cross, which bend the joint further or otherwise.
-
-    Args:
-        surface: The fold.
-        solved: All of its sweeps.
-        share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
-            there would be crossings.
-        most: Greatest number of shapes, even if crossings remain.
+def poses_of_sweeps(surface: Surface, solved: Sequence[Sweep]) -> list[SolvedPose]:
+    """The poses of the sweeps of a fold in which contact moves something.
 
     Raises:
         UnresolvedError: The joint's own motion has a fault, and none of its poses that touch counts beyond 30°.
     """
-    sweeps = list(solved)
-    straight = [each for each in sweeps if not surface.fold.hinge.leanings[each.number].any()]
-    poses = [pose for each in sweeps for pose in each.poses]
+    straight = [each for each in solved if not surface.fold.hinge.leanings[each.number].any()]
     for each in straight:
         if each.failed is not None and not any(pose.far for other in straight for pose in other.poses):
             raise each.failed
-    return _compressed(surface, poses, share=share, least=1, most=most)
+    return [pose for each in solved for pose in each.poses]
 
 
-def _compressed(surface: Surface, poses: Sequence[SolvedPose], *, share: float, least: int, most: int) -> Crease:
-    """Compress solved poses of sweeps, and of clips if there are any; arguments are as in `fit_poses`.
+def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most: int) -> Crease:
+    """Compress solved poses of the sweeps of a fold, and of clips.
 
-    With poses of clips, the leaning sweeps may cross: these stand for clips that nobody has.
+    There are no shapes if nothing touches.
+
+    Args:
+        surface: The fold.
+        poses: The solved poses, sweeps first.
+        share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
+            there would be crossings.
+        most: Greatest number of shapes, even if crossings remain.
     """
     fold, tissue = surface.fold, surface.tissue
-    spans_clips = any(each.folded is None for each in poses)
-    demanded = np.array([not (spans_clips and each.lean) for each in poses])
     weights, shapes, crossing = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3)), 0
     if poses:
-        weights, shapes, crossing = fit_poses(
-            [each.found for each in poses], share=share, least=least, most=most, demanded=demanded
-        )
+        weights, shapes, crossing = fit_poses([each.found for each in poses], share=share, most=most)
     sweeps = tuple(each for each in poses if each.folded is not None)
     made = [(each.found, combined(row, shapes)) for each, row in zip(sweeps, weights, strict=False)]
     scale = fold.radius / UNITS
@@ -583,7 +526,6 @@ def _compressed(surface: Surface, poses: Sequence[SolvedPose], *, share: float, 
         largest=scale * max((each.found.greatest_move for each in poses), default=0.0),
         squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
         crossing=crossing,
-        spans_clips=spans_clips,
         clip_weights={
             (each.clip.index, each.time): row for each, row in zip(poses, weights, strict=False) if each.folded is None
         },
@@ -601,13 +543,8 @@ def _response(fold: Fold, solved: Sequence[SolvedPose], weights: Floats, torn: S
     """Tabulate (solved, shapes) weights of the sweeps, at the rows of all of them.
 
     A sweep ends before a pose that is torn under its weights.
-
-    Raises:
-        UnresolvedError: So the joint's own motion ends at the first touch.
     """
     kept = _before_torn(solved, torn)
-    if any(torn) and not any(solved[number].lean == 0 for number in kept):
-        raise _refused(fold, [each for each, bad in zip(solved, torn, strict=True) if bad], TORN)
     solved, weights = [solved[number] for number in kept], weights[kept]
     sweeps = [_tabulated(fold, lean, solved, weights) for lean in range(len(fold.hinge.leanings))]
     rows, table = sweeps[0]

@@ -134,7 +134,7 @@ class ContactWords:
             "largest_move": significant(crease.largest),
             "volume_lost": significant(crease.squeezed),
             "poses": len(crease.sweeps),
-            "fitted_to_clips": crease.spans_clips,
+            "fitted_to_clips": bool(crease.clip_weights),
             "unsettled_poses": 0,  # sweeps end before any
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),

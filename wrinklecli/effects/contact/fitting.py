@@ -31,35 +31,27 @@ _PULL = 0.3
 _HOPELESS = 0.7
 
 
-def fit_poses(
-    solved: Sequence[Solution], *, share: float, most: int, least: int = 1, demanded: Bools | None = None
-) -> tuple[Floats, Floats, int]:
-    """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any demanded pose.
+def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[Floats, Floats, int]:
+    """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any pose.
 
     Args:
         solved: The solutions, at least one.
         share: Greatest error of a vertex, relative to the greatest move.
         most: Greatest number of shapes. If even these leave crossings, the fit with the fewest counts, and of several
             the one that keeps the most volume.
-        least: Least number of shapes.
-        demanded: (solved,) False for poses that are fitted as well as the shapes of the others can; None if all are
-            demanded.
 
     Returns:
-        (poses, shapes) weights in [-1, 1], or up to `MOST_WEIGHT` where a pose that is not demanded is fitted again to
-        keep its volume; (shapes, free, 3); and the number of poses in which they leave crossings.
+        (poses, shapes) weights in [-1, 1]; (shapes, free, 3); and the number of poses in which they leave crossings.
     """
-    every = np.arange(len(solved)) if demanded is None else np.flatnonzero(demanded)
-    asked = [solved[number] for number in every.tolist()]
-    bound = share * max(each.greatest_move for each in asked)
+    bound = share * max(each.greatest_move for each in solved)
     # No shapes give back the volume that contact itself takes away.
-    allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in asked))
+    allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in solved))
     most = min(most, len(solved))
-    fewest, enough, found = min(least, most), most, None
+    fewest, enough, found = 1, most, None
     # More shapes hardly ever do worse, so the range in which the fewest lie is halved.
     while fewest < enough or (found is None and fewest == most):
         count = (fewest + enough) // 2
-        fit = _fitted(solved, every, count, bound=bound, allowed=allowed, last=count == most)
+        fit = _fitted(solved, count, bound=bound, allowed=allowed, last=count == most)
         if fit is None:
             fewest = count + 1
         else:
@@ -67,29 +59,25 @@ def fit_poses(
             if count == most:
                 break
     assert found is not None
-    weights, shapes, crossings = found
-    for number in np.setdiff1d(np.arange(len(solved)), every).tolist():
-        if solved[number].volume_loss(combined(weights[number], shapes)) > MOST_LOST:
-            weights[number], _, _ = fit_pose(solved[number], shapes)
-    return weights, shapes, crossings
+    return found
 
 
 def _fitted(
-    solved: Sequence[Solution], every: Ints, count: int, *, bound: float, allowed: float, last: bool
+    solved: Sequence[Solution], count: int, *, bound: float, allowed: float, last: bool
 ) -> tuple[Floats, Floats, int] | None:
-    """Fit a `count` of shapes; None if they are not right in `every` pose that is demanded.
+    """Fit a `count` of shapes; None if they are not right in every pose.
 
     Errors may reach a `bound`, solver's units, and losses of volume be as great as `allowed`. If this is the `last`
     count that may be tried, the best fit counts. The rest is as in `fit_poses`.
     """
-    fields = np.stack([each.moved for each in solved])
+    fields, every = np.stack([each.moved for each in solved]), np.arange(len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
     shares, wanted = np.stack([each.error_weights for each in solved]), fields
     suspects, before, stalled = every, len(every), 0
     for _ in range(_TRIES):
         weights, shapes = weighted_basis(wanted, shares, count)
         made = [combined(row, shapes) for row in weights]
-        wrong = {} if last else _wrong(solved, made, every, bound)
+        wrong = {} if last else _wrong(solved, made, bound)
         hopeless = np.inf if last else _HOPELESS * before
         crossing = None if len(wrong) > hopeless else _crossing(solved, made, suspects, most=hopeless)
         if crossing is None:
@@ -99,7 +87,7 @@ def _fitted(
         checked = len(crossing) <= best and not wrong
         if checked and len(suspects) < len(every):
             crossing |= _crossing(solved, made, np.setdiff1d(every, suspects)) or {}
-        lost = max(solved[number].volume_loss(made[number]) for number in every.tolist())
+        lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
         if not crossing and not wrong and lost <= allowed:
             return weights, shapes, 0
         stalled = 0 if len(crossing) < best else stalled + 1
@@ -118,12 +106,14 @@ def _fitted(
     return weights, shapes, crossings
 
 
-def _wrong(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, bound: float) -> dict[int, Bools]:
-    """The poses, among some, in which a fit is further off than a bound, solver's units, and the (free,) vertices.
+def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
+    """The poses in which a fit is further off than a bound, solver's units, and the (free,) vertices.
 
     Neighbouring vertices count too; otherwise the shapes become jagged.
     """
-    further = {number: solved[number].errors(made[number]) > bound for number in numbers.tolist()}
+    further = {
+        number: each.errors(moved) > bound for number, (each, moved) in enumerate(zip(solved, made, strict=True))
+    }
     return {number: solved[number].with_neighbours(marked) for number, marked in further.items() if marked.any()}
 
 
@@ -146,26 +136,25 @@ def _crossing(
     return {number: marked for number, marked in found.items() if marked.any()}
 
 
-def fit_pose(
-    found: Solution, shapes: Floats, urgent: Floats | None = None, *, known: Floats | None = None
-) -> tuple[Floats, Floats, bool]:
-    """Fit (shapes, free, 3) to a solution, from the (free,) factors on weights of errors that a similar pose needed.
+def fit_pose(found: Solution, shapes: Floats, *, known: Floats | None = None) -> tuple[Floats, bool]:
+    """Fit (shapes, free, 3) to a solution.
 
-    If (shapes,) weights are `known` that are about right, the fit leaves them only as far as it needs to.
+    If (shapes,) weights are `known` that are about right, the fit leaves them only as far as it needs to. It depends on
+    the pose alone, and not on the frames before it, so that players can look it up.
 
     Returns:
-        (shapes,) weights that leave the fewest crossings, the (free,) factors used, and True if crossings remain.
+        (shapes,) weights that leave the fewest crossings, and True if crossings remain.
     """
-    urgent = np.ones(len(found.error_weights)) if urgent is None else urgent
+    urgent = np.ones(len(found.error_weights))
     wanted, near, pull = found.moved, np.zeros_like(found.moved), 0.0
     held = found.volume_gradient / _UNIT_LOSS
-    tries: list[tuple[int, Floats, Floats]] = []
+    tries: list[tuple[int, Floats]] = []
     if known is not None:
         near, pull = combined(known, shapes), _PULL
         marked = found.crossing(near)
         if marked is None:
-            return known, np.ones_like(urgent), False
-        tries.append((int(marked.sum()), known, urgent))
+            return known, False
+        tries.append((int(marked.sum()), known))
         urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(near)
     for number in range(_TRIES):
         # The pull to the known weights is a second target of each vertex; both together are their mean.
@@ -177,11 +166,10 @@ def fit_pose(
         moved = combined(weights, shapes)
         marked = found.crossing(moved, likely=bool(tries))
         if marked is None:
-            return weights, urgent, False
-        tries.append((int(marked.sum()), weights, urgent))
+            return weights, False
+        tries.append((int(marked.sum()), weights))
         urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(moved)
-    _, weights, urgent = min(tries, key=lambda each: each[0])
-    return weights, urgent, True
+    return min(tries, key=lambda each: each[0])[1], True
 
 
 def combined(weights: Floats, shapes: Floats) -> Floats:

@@ -42,14 +42,12 @@ _Result = TypeVar("_Result")
 # Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
 _Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 
-# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, eight morph targets.
-_MOST_SHAPES = 7
-# Most shapes of a fold whose clips still cross with those: ten morph targets.
-_MOST_SHAPES_OF_CLIPS = 9
-# Poses of a clip, evenly spread, that such shapes are made of, beside some of those that still cross.
+# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, ten morph targets.
+_MOST_SHAPES = 9
+# Poses of a clip, evenly spread, that shapes are made of.
 _CLIP_POSES = 12
-# Rounds in which poses that cross with such shapes are added to those that they are made of.
-_ROUNDS = 3
+# Times that shapes are made: the second time, as many poses that still cross are added.
+_ROUNDS = 2
 # Part of the memory for solutions that are kept while the shapes are made; clips beyond that are solved again.
 _KEPT = 0.5
 # Bytes of a vertex, and of one that is free to move, in a solution: a position, and a matrix. A solution takes about
@@ -172,49 +170,48 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
 
     Clips are solved beside the sweeps of the folds, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import Surface, resolve
+    from wrinklecli.effects.contact.crease import Surface, poses_of_sweeps
 
     crossing = [(fold, apart) for fold, apart in members if apart is not None]
     ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
     surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
+    given_up = _given_up_of([fold for fold, _ in crossing], ready)
     if not surfaces:
-        return _SolvedSystem(_given_up_of(crossing, ready), [])
+        return _SolvedSystem(given_up, [])
     solver = _Solver(surfaces, clips)
     sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
-    # Clips of several folds take longest, so they are begun first. Those of one fold come last, and are solved while
-    # the sweeps are compressed here.
-    early = solver.work if len(surfaces) > 1 else []
-    work: list[Callable[[], Any]] = [*sweeps, *(early or solver.work)]
+    # Clips take longest, so they are begun first.
+    work: list[Callable[[], Any]] = [*sweeps, *solver.work]
     with closing(
-        in_processes(_outcome, work, jobs, shared=solver.shared, size=lambda each: float(each in early))
+        in_processes(_outcome, work, jobs, shared=solver.shared, size=lambda each: float(each not in sweeps))
     ) as found:
         solved: list[list[Any]] = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
-        poses = [pose.found for sweeps in solved for each in sweeps for pose in each.poses]
-        compress = partial(resolve, share=_SHAPE_ERROR, most=_MOST_SHAPES)
-        creased = [partial(compress, *each) for each in zip(surfaces, solved, strict=True)]
-        resolved = iter([*in_processes(_outcome, creased, jobs, shared=[*solver.shared, *poses])])
-        outcomes = [each if isinstance(each, UnresolvedError) else next(resolved) for each in ready]
-        creases = [each for each in outcomes if not isinstance(each, UnresolvedError)]
-        given_up = _given_up_of(crossing, outcomes)
+        own = [_outcome(partial(poses_of_sweeps, *each)) for each in zip(surfaces, solved, strict=True)]
+        given_up += _given_up_of([each.fold for each in surfaces], own)
+        sound = [
+            (surface, poses)
+            for surface, poses in zip(surfaces, own, strict=True)
+            if not isinstance(poses, UnresolvedError)
+        ]
         spanned: list[tuple[Crease, dict[int, Followed]]] = []
         try:
-            if len(creases) == len(surfaces):
+            if len(sound) == len(surfaces):
                 solver.keep(found)
-            elif creases:
-                solver = _Solver(creases, clips)
+            elif sound:
+                solver = _Solver([surface for surface, _ in sound], clips)
                 solver.keep(in_processes(_outcome, solver.work, jobs, shared=solver.shared))
             with degenerate_given_up():
-                for crease in creases:
-                    spanned.append(_spanned(crease, spanned, solver))
+                for each in sound:
+                    spanned.append(_spanned(*each, spanned, solver))
         except UnresolvedError as error:
-            return _SolvedSystem([*given_up, *((each.fold, error.given_up) for each in creases)], [])
+            return _SolvedSystem([*given_up, *((surface.fold, error.given_up) for surface, _ in sound)], [])
         return _SolvedSystem(given_up, spanned)
 
 
-def _given_up_of(members: "Sequence[tuple[Fold, Floats]]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
+def _given_up_of(folds: "Sequence[Fold]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
     """The folds whose outcomes are errors."""
-    pairs = zip(members, outcomes, strict=True)
-    return [(fold, each.given_up) for (fold, _), each in pairs if isinstance(each, UnresolvedError)]
+    pairs = zip(folds, outcomes, strict=True)
+    return [(fold, each.given_up) for fold, each in pairs if isinstance(each, UnresolvedError)]
 
 
 def _outcome(work: Callable[[], _Result]) -> _Result | UnresolvedError:
@@ -343,7 +340,7 @@ class _Solver:
         frames = np.cumsum([len(times) for times in self._times.values()])
         # Clips beyond these are solved again whenever they are asked for.
         self._numbers = [*self.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
-        self._kept: dict[int, MarchedClip] = {}
+        self.kept: dict[int, MarchedClip] = {}
 
     @property
     def work(self) -> "list[Callable[[], MarchedClip]]":
@@ -364,7 +361,7 @@ class _Solver:
         for number, outcome in zip(self._numbers, solved, strict=True):
             if isinstance(outcome, UnresolvedError):
                 raise outcome
-            self._kept[number] = outcome
+            self.kept[number] = outcome
 
     def part(self, before: _Spanned, number: int) -> "MarchedClip":
         """A clip, solved, for the fold behind those before it, whose weights are taken for granted.
@@ -373,7 +370,7 @@ class _Solver:
             UnresolvedError: The folds cannot be resolved in the clip.
         """
         fitted = [(crease, marches[number].weights) for crease, marches in before]
-        return self._system.part(len(fitted), self._kept.get(number) or self._march(number), fitted)
+        return self._system.part(len(fitted), self.kept.get(number) or self._march(number), fitted)
 
     def _march(self, number: int) -> "MarchedClip":
         clip = self.clips[number]
@@ -425,34 +422,37 @@ def _followed(
     return made
 
 
-def _spanned(crease: "Crease", before: _Spanned, solver: _Solver) -> "tuple[Crease, dict[int, Followed]]":
-    """Follow solved clips; if the shapes leave crossings, with the fewest others that do not.
+def _spanned(
+    surface: "Surface", sweeps: "Sequence[SolvedPose]", before: _Spanned, solver: _Solver
+) -> "tuple[Crease, dict[int, Followed]]":
+    """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips.
 
     Raises:
         UnresolvedError: The folds that are solved together cannot be resolved in a clip.
     """
-    found: dict[int, Followed] = {}
-    chosen: list[SolvedPose] = []
-    for number in solver.clips:
-        solved = solver.part(before, number)
-        found[number] = crease.follow(solved)
-        chosen += solved.poses(sorted({*_some(solved.touching), *_some(found[number].unspanned)}))
-    best, least = (crease, found), _unspanned(found)
-    for _ in range(_ROUNDS if crease.fold.per_clip else 0):
-        if not any(least):
-            break
-        try:
-            wider = crease.spanning(chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES_OF_CLIPS)
-        except UnresolvedError:
-            break  # shapes of all poses tear each pose of the fold's own motion
-        again = {}
+    from wrinklecli.effects.contact.crease import resolve
+
+    every = {number: solver.part(before, number) for number in solver.kept}
+
+    def part(number: int) -> "MarchedClip":
+        return every.get(number) or solver.part(before, number)
+
+    chosen = list(sweeps)
+    for number in solver.clips if surface.fold.per_clip else ():
+        solved = part(number)
+        chosen += solved.poses(_some(solved.touching))
+    found: list[tuple[Crease, dict[int, Followed]]] = []
+    for _ in range(_ROUNDS if surface.fold.per_clip else 1):
+        crease = resolve(surface, chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES)
+        followed: dict[int, Followed] = {}
         for number in solver.clips:
-            solved = solver.part(before, number)
-            again[number] = wider.follow(solved)
-            chosen += solved.poses(_some(again[number].unspanned))
-        if _unspanned(again) < least:
-            best, least = (wider, again), _unspanned(again)
-    return best
+            solved = part(number)
+            followed[number] = crease.follow(solved)
+            chosen += solved.poses(_some(followed[number].unspanned))
+        found.append((crease, followed))
+        if not any(_unspanned(followed)):
+            break
+    return min(found, key=lambda each: _unspanned(each[1]))
 
 
 def _unspanned(followed: "Mapping[int, Followed]") -> tuple[int, int]:

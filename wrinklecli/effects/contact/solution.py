@@ -18,8 +18,6 @@ from wrinklecli.numeric.intersections import widened
 
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
 _AHEAD = 4
-# A pose that does not settle is solved again in so many shorter steps from the one before it; in more if that fails.
-_SHORTER_STEPS = (4, 16)
 # Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
 _MOST_STEPS_PER_POSE = 16
 # and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
@@ -195,9 +193,8 @@ def solutions_in(
 ) -> Iterator[Solution]:
     """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches.
 
-    In a pose that does not settle, or that is torn, contact moves nothing, and the solution has a fault. So have the
-    next poses, until one is nearer to the last pose without. After too many steps all poses have it in which anything
-    is near.
+    In a pose that does not settle, or that is torn, contact moves nothing, and the solution has a fault. After too
+    many steps all poses have it in which anything is near.
     """
     scale = UNITS / fold.radius
     rows = free_rows(tissue)
@@ -245,27 +242,25 @@ def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool
 def _states(
     tissue: Tissue, posed_at: Callable[[Floats], Iterator[SkinnedPose]], times: Floats, start: SolverState | None
 ) -> Iterator[SolverState]:
-    """March poses at (frames,) seconds, but skip runs of poses before and after which nothing is near.
+    """March to the poses at (frames,) seconds, to each from the solved one that is nearest to it.
 
-    Where a pose does not settle or is torn, the march waits in the pose before it, as the way on leads to worse poses.
-    It goes on with a pose that is nearer to that one than the faulty pose, or with one in which nothing is near.
+    So a pose has about the same solution however a clip comes to it, and the march goes on after poses that do not
+    settle or are torn. A pose that is further from the nearest solved one than such a pose fails, too. Runs of poses
+    are skipped before and after which nothing is near.
     """
-    state, poses, frame, steps = start, posed_at(times), 0, Steps()
+    solved, poses, steps = [] if start is None else [_Reached(start)], posed_at(times), Steps()
     fault: str | None = None
-    # Number of the pose in which the march is, and how far from it poses may be, solver's units.
-    last, reach = -1, np.inf
+    touching = start is not None and bool(start.correction.any())
     while ahead := list(islice(poses, _AHEAD)):
-        if tissue.is_clear(ahead[-1].positions) and (state is None or not state.correction.any()):
+        if not touching and tissue.is_clear(ahead[-1].positions):
             yield from (SolverState(posed.positions, posed) for posed in ahead)
-            state, last = SolverState(ahead[-1].positions, ahead[-1]), frame + len(ahead) - 1
-            frame, reach = frame + len(ahead), np.inf
+            solved.append(_Reached(SolverState(ahead[-1].positions, ahead[-1])))
             continue
-        for number, posed in enumerate(ahead, start=frame):
-            apart = 0.0 if state is None else float(np.abs(posed.positions - state.posed.positions).max())
-            if apart < reach and steps.suffice:
-                (found,) = march(tissue, [posed], state)
-                if not found.converged and state is not None and last == number - 1 >= 0:
-                    found = _in_shorter_steps(tissue, posed_at, times[number - 1 : number + 1], state, found)
+        for posed in ahead:
+            nearest = min(solved, key=lambda each: each.distance(posed), default=None)
+            apart = 0.0 if nearest is None else nearest.distance(posed)
+            if (nearest is None or apart < nearest.reach) and steps.suffice:
+                (found,) = march(tissue, [posed], None if nearest is None else nearest.state)
                 if found.converged and found.correction.any() and tissue.tears(posed.positions, found.positions):
                     found = replace(found, converged=False, fault=TORN)
                 steps.count(found)
@@ -275,35 +270,28 @@ def _states(
             else:
                 found = SolverState(posed.positions, posed, converged=False, fault=fault)
             if found.converged:
-                state, last, reach = found, number, np.inf
-            else:
-                reach = min(reach, apart)
+                solved.append(_Reached(replace(found, near=None)))
+            elif nearest is not None:
+                nearest.reach = min(nearest.reach, apart)
+            touching = not found.converged or bool(found.correction.any())
             yield found
-        frame += len(ahead)
 
 
-def _in_shorter_steps(
-    tissue: Tissue,
-    posed_at: Callable[[Floats], Iterator[SkinnedPose]],
-    span: Floats,
-    before: SolverState,
-    found: SolverState,
-) -> SolverState:
-    """Solve a pose that did not settle again, from the state before it, by way of poses in the (2,) seconds between.
+@dataclass(slots=True)
+class _Reached:
+    """A solved pose from which others start.
 
-    Gives back the state that was `found` if these do not settle either; in any case with the number of all steps.
+    Attributes:
+        state: The solver's state.
+        reach: Distance of the nearest pose that failed from here, solver's units.
     """
-    steps = found.steps
-    for parts in _SHORTER_STEPS:
-        state = before
-        for posed in posed_at(np.linspace(span[0], span[1], parts + 1)[1:]):
-            (state,) = march(tissue, [posed], state)
-            steps += state.steps
-            if not state.converged:
-                break
-        else:
-            return replace(state, steps=steps)
-    return replace(found, steps=steps)
+
+    state: SolverState
+    reach: float = np.inf
+
+    def distance(self, posed: SkinnedPose) -> float:
+        """Greatest distance of a vertex in another pose, solver's units."""
+        return float(np.abs(posed.positions - self.state.posed.positions).max())
 
 
 def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:
