@@ -215,7 +215,7 @@ def test_without_the_library_one_line_says_so(folded: Baked, monkeypatch: pytest
 
 def test_extras_are_json_that_a_player_reads(folded: Baked) -> None:
     (fold,) = folded.document.items("nodes")[0]["extras"]["wrinkle"]["folds"]
-    assert list(fold) == ["joint", "parent", "rest", "axis", "targets", "angles", "weights", "leaning", "null"]
+    assert list(fold) == ["joint", "parent", "rest", "axis", "targets", "angles", "weights", "leaning", "null", "paths"]
     assert json.loads(json.dumps(fold)) == fold
     assert fold["angles"] == sorted(fold["angles"])
     assert np.linalg.norm(fold["axis"]) == pytest.approx(1.0)

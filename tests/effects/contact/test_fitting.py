@@ -165,19 +165,6 @@ def test_errors_count_more_where_a_pose_crosses() -> None:
     assert fit_pose(Wall(moved, gaps), shapes)[1]  # type: ignore[arg-type]
 
 
-def test_known_weights_stay_where_nothing_crosses_and_give_way_to_the_pose_where_it_does() -> None:
-    """What does not cross then lies between the pose and the place where the known weights put it."""
-    moved, shapes, gaps = np.zeros((POINTS, 3)), np.zeros((2, POINTS, 3)), np.full(POINTS, np.inf)
-    moved[:2, 0], moved[5, 1] = (1.0, 2.0), 1.0
-    shapes[0, :2, 0], shapes[1, 5, 1], gaps[0] = 1.0, 1.0, 0.1
-    wall: Any = Wall(moved, gaps)
-    assert fit_pose(wall, shapes, known=np.array([1.0, 0.8]))[0].tolist() == [1.0, 0.8]
-    (first, second), _, crosses = fit_pose(wall, shapes, known=np.array([1.6, 0.8]))
-    assert not crosses
-    assert first <= 1.1
-    assert 0.8 < second < 1.0
-
-
 def test_a_pose_keeps_its_volume_where_its_shapes_do_not_span_it() -> None:
     """The first shape is nearer to the pose, and takes volume away, which the other gives back."""
     (found,) = walls(1)[-1:]

@@ -1,13 +1,12 @@
 """Creases: the contact in a fold as few fixed shapes for any clip, solved for the joint's own motion.
 
 The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. Each clip is solved,
-too. The solutions of sweeps and clips are compressed together into few shapes. The weights of a clip are looked up by
-the joint's turn, as players do it for clips that were never baked, or fitted to the solutions where that is much
-nearer.
+too. The solutions of sweeps and clips are compressed together into few shapes. The weights of a clip are fitted to its
+solutions, pose by pose. Players look them up by the joint's turn, also in clips that were never baked.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -54,10 +53,8 @@ _CROSSING_POSES = 8
 _APPROACH = 33
 # Strides between two frames from which on a clip jumps, as STEP keys do: a quarter of what closes most folds.
 _JUMP = 4.0
-# Weights that are looked up may be this much further off than fitted ones, solver's units: a millimetre of a knee.
+# Players whose weights are this much further off than none show none, solver's units: a millimetre of a knee.
 _AS_NEAR = 1.0
-# and take this much more volume away than the solution, relative to that of a limb as long as it is thick.
-_AS_WHOLE = MOST_LOST / 10.0
 # Error of what players show of a clip up to which they need no more rows of it, relative to contact's greatest move
 # there: the default of `--max-error`. At 0.05 up to seven rows were saved, and `track` was off by as much in that clip.
 _SHOWN_ERROR = 0.01
@@ -195,7 +192,6 @@ class Crease(Surface):
         largest: Greatest move in the solutions, scene units.
         squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
-        clip_weights: The weights of the shapes in the poses of clips that they are made of, by clip and time.
     """
 
     sweeps: "tuple[SolvedPose, ...]"
@@ -206,7 +202,6 @@ class Crease(Surface):
     largest: float
     squeezed: float
     crossing: int
-    clip_weights: Mapping[tuple[int, float], Floats] = field(default_factory=dict)
 
     @property
     def sizes(self) -> Floats:
@@ -214,85 +209,35 @@ class Crease(Surface):
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
     def follow(self, marched: "MarchedClip") -> "Followed":
-        """Fit the shapes to the solutions of a clip.
+        """Fit the shapes to the solutions of a clip, each pose for itself.
 
-        If the weights that a player looks up are about as good as fitted ones, the clip keeps them, and leaves them
-        only in frames in which they cross, as little as it can: then bake and player show the same, and a pose looks
-        alike however a clip gets there. In a clip that folds the surface otherwise than the joint alone does, the
-        shapes may make more crossings than they take away; such a clip gets no contact.
+        In frames with a fault, weights are those of the last good frame and of the next. A clip without a good frame
+        has weights that are looked up: at its end, a table holds the last good ones.
         """
-        looked = self._looked_up(marched.clip, marched.times)
-        for keep in (True, False) if self._about_as_good(marched, looked) else (False,):
-            weights, crossing = self._weights(marched, looked, keep=keep)
-            unspanned, error = list(crossing), 0.0
-            for frame in marched.touching:
-                found, moved = marched.solution(frame), combined(weights[frame], self.shapes)
-                error = max(error, found.greatest_error(moved))
-                if frame not in crossing and _loses_volume(found, moved):
-                    unspanned.append(frame)
-            if not unspanned:
-                break
+        weights = np.zeros((len(marched.times), len(self.shapes)))
+        crossing, unspanned, error = list[int](), list[int](), 0.0
+        for frame in marched.touching:
+            found = marched.solution(frame)
+            weights[frame], crosses = fit_pose(found, self.shapes)
+            moved = combined(weights[frame], self.shapes)
+            error = max(error, found.greatest_error(moved))
+            # A fit may take no more volume away than it may, and than the solution does.
+            if found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved)):
+                unspanned.append(frame)
+            if crosses:
+                crossing.append(frame)
+        good = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults))
         return Followed(
             marched.clip,
             marched.times,
-            self._held(marched, looked, weights),
+            interpolated(marched.times, marched.times[good], weights[good])
+            if len(good)
+            else self._looked_up(marched.clip, marched.times),
             error * self.fold.radius / UNITS,
             tuple(crossing),
-            tuple(sorted(unspanned)),
+            tuple(sorted({*crossing, *unspanned})),
             marched.faults,
         )
-
-    def _held(self, marched: "MarchedClip", looked: Floats, weights: Floats) -> Floats:
-        """(frames, shapes) weights, with those of the last good frame, and of the next, in frames with a fault.
-
-        A clip without a good frame has weights that are `looked` up: at its end, a table holds the last good ones.
-        """
-        good = np.setdiff1d(np.arange(len(looked)), sorted(marched.faults))
-        return interpolated(marched.times, marched.times[good], weights[good]) if len(good) else looked
-
-    def _weights(self, marched: "MarchedClip", looked: Floats, *, keep: bool) -> tuple[Floats, list[int]]:
-        """Fit (frames, shapes) weights to the solutions, frame by frame, and find the frames that they leave crossing.
-
-        Weights that are `looked` up are kept where possible, if asked: then the first frame that crosses ends the fit.
-        """
-        weights = np.where(keep, looked, 0.0)
-        crossing: list[int] = []
-        for frame in marched.touching:
-            found = marched.solution(frame)
-            weights[frame], crosses = fit_pose(found, self.shapes, known=looked[frame] if keep else None)
-            if crosses:
-                # The weights of the fold's own motion, or those with which the shapes were made, may leave no crossing.
-                made = self.clip_weights.get((marched.clip.index, float(marched.times[frame])), looked[frame])
-                for other in (looked[frame], made):
-                    if found.crossing(combined(other, self.shapes), likely=True) is None:
-                        weights[frame], crosses = other, False
-                        break
-            if crosses:
-                crossing.append(frame)
-                if keep:
-                    break
-        return weights, crossing
-
-    def _about_as_good(self, marched: "MarchedClip", looked: Floats) -> bool:
-        """True if (frames, shapes) weights tear nothing, keep the volume, and are about as near as fitted weights.
-
-        Nearness is compared where the weights are furthest off.
-        """
-        furthest, worst = 0.0, None
-        for frame in marched.touching:
-            found, moved = marched.solution(frame), combined(looked[frame], self.shapes)
-            if found.tears(moved) or found.volume_loss(moved) > found.volume_loss(found.moved) + _AS_WHOLE:
-                return False
-            if worst is None or found.visible_error(moved) > furthest:
-                furthest, worst = found.visible_error(moved), found
-        if worst is None:
-            return False
-        still = np.setdiff1d(np.arange(len(looked)), [*marched.touching, *marched.faults])
-        scale = float(np.cbrt(np.abs(np.linalg.det(worst.matrices)).max(initial=0.0)))
-        if scale * float((np.abs(looked[still]) @ self.sizes).max(initial=0.0)) > _AS_NEAR:
-            return False
-        fitted, _ = fit_pose(worst, self.shapes)
-        return furthest <= worst.visible_error(combined(fitted, self.shapes)) + _AS_NEAR
 
     def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
@@ -526,9 +471,6 @@ def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most
         largest=scale * max((each.found.greatest_move for each in poses), default=0.0),
         squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
         crossing=crossing,
-        clip_weights={
-            (each.clip.index, each.time): row for each, row in zip(poses, weights, strict=False) if each.folded is None
-        },
     )
 
 
@@ -590,11 +532,6 @@ def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
-
-
-def _loses_volume(found: Solution, moved: Floats) -> bool:
-    """True if a move takes more volume away than it may, and than the solution does."""
-    return found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved))
 
 
 def _sweep(fold: Fold, lean: Floats, end: float) -> Floats:

@@ -24,9 +24,6 @@ _TRIES = 8
 _STALLED = 3
 # Factor on the weight of such an error.
 _MORE = 3.0
-# Weight of the squared distance from known weights, relative to that from the solution where something touches: what
-# touches counts more, and what the fold hides stays as known.
-_PULL = 0.3
 # A number of shapes is given up if more than this fraction of the poses that were wrong is still wrong after a fit.
 _HOPELESS = 0.7
 
@@ -136,39 +133,28 @@ def _crossing(
     return {number: marked for number, marked in found.items() if marked.any()}
 
 
-def fit_pose(found: Solution, shapes: Floats, *, known: Floats | None = None) -> tuple[Floats, bool]:
+def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
     """Fit (shapes, free, 3) to a solution.
 
-    If (shapes,) weights are `known` that are about right, the fit leaves them only as far as it needs to. It depends on
-    the pose alone, and not on the frames before it, so that players can look it up.
+    The fit depends on the pose alone, and not on the frames before it, so that players can look it up.
 
     Returns:
         (shapes,) weights that leave the fewest crossings, and True if crossings remain.
     """
-    urgent = np.ones(len(found.error_weights))
-    wanted, near, pull = found.moved, np.zeros_like(found.moved), 0.0
+    shares, wanted = found.error_weights.copy(), found.moved
     held = found.volume_gradient / _UNIT_LOSS
     tries: list[tuple[int, Floats]] = []
-    if known is not None:
-        near, pull = combined(known, shapes), _PULL
-        marked = found.crossing(near)
-        if marked is None:
-            return known, False
-        tries.append((int(marked.sum()), known))
-        urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(near)
     for number in range(_TRIES):
-        # The pull to the known weights is a second target of each vertex; both together are their mean.
-        shares = found.error_weights * urgent + pull
-        target = wanted + pull * (near - wanted) / shares[:, None]
         # Nothing may cross, even if that takes volume away: this counts less with each try.
         along = np.sqrt(shares.sum()) / _MORE**number * held
-        (weights,) = np.clip(project(target[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
+        (weights,) = np.clip(project(wanted[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
         marked = found.crossing(moved, likely=bool(tries))
         if marked is None:
             return weights, False
         tries.append((int(marked.sum()), weights))
-        urgent, wanted = np.where(marked, _MORE * urgent, urgent), found.opened(moved)
+        shares[marked] *= _MORE
+        wanted = found.opened(moved)
     return min(tries, key=lambda each: each[0])[1], True
 
 

@@ -82,10 +82,6 @@ class Solution:
         """Greatest distance of another move from the solution, solver's units."""
         return float(self.errors(moved).max(initial=0.0))
 
-    def visible_error(self, moved: Floats) -> float:
-        """Greatest distance of another move from the solution, solver's units, less where the fold hides it."""
-        return float((self.errors(moved) * np.sqrt(self.error_weights)).max(initial=0.0))
-
     def with_neighbours(self, marked: Bools) -> Bools:
         """(free,) the marked vertices and their neighbours."""
         rows, every = free_rows(self.tissue), np.zeros(len(self.positions), bool)
