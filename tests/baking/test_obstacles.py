@@ -46,7 +46,7 @@ def test_wrinkles_stay_beneath_a_sleeve(tmp_path: Path) -> None:
 def test_a_sleeve_that_goes_through_itself_is_said(tmp_path: Path) -> None:
     (before, after), report = reported(tmp_path, joined=False, angle=75.0)
     assert after <= before > 0
-    assert any("crease: 'sleeve' goes through itself there: contact leaves that" in line for line in report.warnings)
+    assert any("'sleeve' goes through itself there: contact leaves that" in line for line in report.warnings)
 
 
 @pytest.mark.slow

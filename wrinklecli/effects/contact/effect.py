@@ -134,7 +134,7 @@ class ContactWords:
             "largest_move": significant(crease.largest),
             "volume_lost": significant(crease.squeezed),
             "poses": len(crease.sweeps),
-            "fitted_to_clips": bool(crease.clip_weights),
+            "fitted_to_clips": crease.fold.per_clip,
             "unsettled_poses": 0,  # sweeps end before any
             "crossing_poses": crease.crossing,
             "error": significant(crease.error),
@@ -154,33 +154,31 @@ class ContactWords:
         return
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
-        """Warnings about contact that is not wholly resolved."""
+        """A line about contact that is not wholly resolved, for the worst clip in each respect."""
         assert up in ("y", "z")
-        name = ", ".join(self.tools)
-        warnings = [f"{name}: {self._held_warning(plan, each)}" for each in self.remaining if each.reason]
-        warnings += [f"{name}: {self._remaining_warning(each)}" for each in self.remaining if each.resolved]
+        held, left = ([each for each in self.remaining if getattr(each, key)] for key in ("reason", "resolved"))
+        parts = [self._held_words(plan, max(held, key=lambda each: each.poses)) + _and_more(held)] if held else []
+        parts += [self._remaining_words(max(left, key=lambda each: each.resolved)) + _and_more(left)] if left else []
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
             nodes = listed(sorted(crossing))
-            warnings.append(
-                f"{name}: {nodes} goes through itself there: contact leaves that, and what has no room beneath"
-            )
+            parts.append(f"{nodes} goes through itself there: contact leaves that, and what has no room beneath")
         worst = max(self.player_errors, key=lambda clip: self.player_errors[clip].share, default=None)
         if worst is not None and self.player_errors[worst].share > _MOST_APART:
             error = self.player_errors[worst]
             what = (
                 "show none of it" if error.silent else f"are up to {100 * error.share:.0f} % of its greatest move off"
             )
-            warnings.append(
-                f"{name}: contact depends on more than the turn of its joint in {worst!r}, as where other joints fold"
-                " the surface or skin slides: the baked clip is right, but `track` and players that compute contact"
+            parts.append(
+                f"contact depends on more than the turn of its joint in {worst!r}, as where other joints fold the"
+                " surface or skin slides: the baked clip is right, but `track` and players that compute contact"
                 f" {what}, by {error.length:.2g}"
             )
-        return warnings
+        return [f"{', '.join(self.tools)}: {'; '.join(parts)}"] if parts else []
 
-    def _held_warning(self, plan: MeshPlan, remaining: Remaining) -> str:
-        """A warning about the poses of a clip in which contact has a fault, and what is shown there."""
+    def _held_words(self, plan: MeshPlan, remaining: Remaining) -> str:
+        """Words about the poses of a clip in which contact has a fault, and what is shown there."""
         when = _span(f"{remaining.begin:.3g}", f"{remaining.end:.3g}", " s")
         where, hinge = "", self.crease.fold.hinge
         if remaining.degrees is not None and isinstance(hinge, Hinge):
@@ -194,8 +192,8 @@ class ContactWords:
         poses = counted(remaining.poses, "pose")
         return f"contact {remaining.reason} in {remaining.clip!r} at {when}{where} ({poses}): {shown}"
 
-    def _remaining_warning(self, remaining: Remaining) -> str:
-        """A warning about the intersections that contact leaves in a clip, with a hint at what may help."""
+    def _remaining_words(self, remaining: Remaining) -> str:
+        """Words about the intersections that contact leaves in a clip, with a hint at what may help."""
         counts = (
             f"{counted(remaining.resolved, 'edge passes', 'edges pass')} through triangles at {remaining.time:.3g} s"
         )
@@ -203,9 +201,14 @@ class ContactWords:
         if not self.crease.fold.per_clip:
             hint = "without `per_clip: false` the targets follow it better"
         return (
-            f"contact leaves crossings in {remaining.clip!r}: {counts}, {remaining.before:,} before the bake"
-            f" ({counted(remaining.frames, 'frame')} in all); {hint}"
+            f"contact leaves crossings in {remaining.clip!r}: {counts}, {remaining.before:,} on the skin alone"
+            f" ({counted(remaining.frames, 'frame')} in all), and {hint}"
         )
+
+
+def _and_more(remaining: Sequence[Remaining]) -> str:
+    """Words about the other clips."""
+    return f"; likewise in {counted(len(remaining) - 1, 'other clip')}" if len(remaining) > 1 else ""
 
 
 def _span(least: str, greatest: str, unit: str) -> str:

@@ -43,7 +43,7 @@ class Remaining:
         clip: The clip's name.
         time: Time of the frame with the most crossings, seconds.
         frames: Number of frames with crossings.
-        before: Edges that pass through triangles in that frame without wrinkles.
+        before: Edges that pass through triangles in that frame on the skin alone, as finely refined.
         wrinkled: Such edges with wrinkles.
         resolved: Such edges with contact.
         poses: Number of frames in which contact has a fault,
@@ -124,7 +124,7 @@ def shown_in(
             contact, height = _state(looks, run, keep=bad is not acting and broken.isdisjoint(run.tolist()))
             whole, low = np.minimum(whole, 1.0 - (1.0 - contact) * near), np.minimum(low, 1.0 - (1.0 - height) * near)
         left = [look.crossings(acting, whole, low) for look in looks]
-        if all(found.sum() <= look.skin(acting).sum() for look, found in zip(looks, left, strict=True)):
+        if all(_no_worse(look, found, acting) for look, found in zip(looks, left, strict=True)):
             break
     made = [
         replace(each, weights=whole[:, None] * each.weights, faults=dict(sorted(own.items())))
@@ -143,10 +143,13 @@ def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float
     heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
     states = ((contact, height) for height in heights.tolist() for contact in (1.0, 0.0)[not keep :])
     return next(
-        state
-        for state in states
-        if all(each.crossings(frames, *state).sum() <= each.skin(frames).sum() for each in looks)
+        state for state in states if all(_no_worse(each, each.crossings(frames, *state), frames) for each in looks)
     )
+
+
+def _no_worse(look: "_Look", found: Ints, frames: Ints) -> bool:
+    """True if in some frames together no more crosses than on the skin, whose crossings take long to find."""
+    return not found.any() or bool(found.sum() <= look.skin(frames).sum())
 
 
 @dataclass(frozen=True)
@@ -211,18 +214,6 @@ class _Look:
         skin = self.skin(np.flatnonzero(found))
         return np.asarray((found > skin) & (found.sum() > skin.sum()))
 
-    def bare(self, frame: int) -> int:
-        """Such edges of the same part of the asset, neither refined nor wrinkled, with the same vertices."""
-        fold = self.crease.fold
-        coarse = fold.fine.surface.triangles
-        inside = coarse[np.isin(coarse, fold.vertices).all(axis=1)]
-        others = fold.triangles[fold.triangles[:, 0] >= len(fold.vertices)]
-        triangles = np.concatenate([np.searchsorted(fold.vertices, inside), others])
-        fold = replace(fold, carried=(), movers=(), triangles=triangles)
-        still = fold.crossings.pairs_at(fold.rest_positions, self._counting)
-        (positions,) = fold.posed(self.clip, self.times[[frame]])[0]
-        return len(fold.crossings.pairs_at(positions, self._counting) - still)
-
 
 def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Floats, height: Floats) -> Remaining | None:
     """Say what is not resolved in a clip, from the (times,) crossings, and the shown parts of contact and height.
@@ -240,7 +231,7 @@ def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Float
         look.clip.name,
         float(times[most]),
         int(np.count_nonzero(crossing)),
-        before=look.bare(most),
+        before=int(look.skin(np.array([most]))[most]),
         wrinkled=int(look.crossings(np.array([most]), 0.0, 1.0)[most]),
         resolved=int(crossing[most]),
         poses=len(faulty),
