@@ -20,7 +20,7 @@ MOST_LOST = 0.01
 _UNIT_LOSS = MOST_LOST / 4.0
 # Fits of shapes and weights, each with more weight on the errors of the one before.
 _TRIES = 8
-# Tries in a row that leave no fewer crossings, after which the greatest number of shapes is tried no more.
+# Tries in a row that leave no fewer crossings, after which a pose, or the greatest number of shapes, is tried no more.
 _STALLED = 3
 # Factor on the weight of such an error.
 _MORE = 3.0
@@ -153,6 +153,9 @@ def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
         if marked is None:
             return weights, False
         tries.append((int(marked.sum()), weights))
+        counts = [count for count, _ in tries]
+        if len(counts) > _STALLED and min(counts[-_STALLED:]) >= min(counts[:-_STALLED]):
+            break
         shares[marked] *= _MORE
         wanted = found.opened(moved)
     return min(tries, key=lambda each: each[0])[1], True

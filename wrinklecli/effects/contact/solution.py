@@ -18,6 +18,9 @@ from wrinklecli.numeric.intersections import widened
 
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
 _AHEAD = 4
+# Distance of solved poses that others start from, solver's units: about a quarter of a step of a sweep. A long clip
+# comes back to the same poses again and again.
+_APART = 4.0
 # Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
 _MOST_STEPS_PER_POSE = 16
 # and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
@@ -250,7 +253,8 @@ def _states(
     while ahead := list(islice(poses, _AHEAD)):
         if not touching and tissue.is_clear(ahead[-1].positions):
             yield from (SolverState(posed.positions, posed) for posed in ahead)
-            solved.append(_Reached(SolverState(ahead[-1].positions, ahead[-1])))
+            if not solved or not solved[-1].stands_for(SolverState(ahead[-1].positions, ahead[-1])):
+                solved.append(_Reached(SolverState(ahead[-1].positions, ahead[-1])))
             continue
         for posed in ahead:
             nearest = min(solved, key=lambda each: each.distance(posed), default=None)
@@ -265,10 +269,10 @@ def _states(
                 found = SolverState(posed.positions, posed)
             else:
                 found = SolverState(posed.positions, posed, converged=False, fault=fault)
-            if found.converged:
-                solved.append(_Reached(replace(found, near=None)))
-            elif nearest is not None:
+            if not found.converged and nearest is not None:
                 nearest.reach = min(nearest.reach, apart)
+            elif nearest is None or not nearest.stands_for(found):
+                solved.append(_Reached(replace(found, near=None)))
             touching = not found.converged or bool(found.correction.any())
             yield found
 
@@ -288,6 +292,11 @@ class _Reached:
     def distance(self, posed: SkinnedPose) -> float:
         """Greatest distance of a vertex in another pose, solver's units."""
         return float(np.abs(posed.positions - self.state.posed.positions).max())
+
+    def stands_for(self, other: SolverState) -> bool:
+        """True if poses that would start from another state may as well start from here."""
+        alike = bool(other.correction.any()) == bool(self.state.correction.any())
+        return alike and self.distance(other.posed) < _APART
 
 
 def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:
