@@ -7,7 +7,8 @@ A row of places.csv is a place that was looked at twice, without and with wrinkl
 merits as `suggest --all --json` prints them. `suggest` proposes nothing where no `limb` folds, so such places are in
 the counts alone. The model is an ordinal logistic regression: one weighted sum of their
 logarithms, and a bias for each of "at least weak" and "keep"; each look counts half. Weights in units of the
-logarithms' deviations have a normal prior of unit width. The program needs the sum and the bias of "keep".
+logarithms' deviations have a normal prior of unit width. The program needs the sum and the bias of "keep". What harms
+a surface explains verdicts, so it is fitted too; but it is mended where it is proposed, so places count without it.
 """
 
 import argparse
@@ -33,6 +34,8 @@ VERDICTS = ("delete", "weak", "keep")
 LOOKS = ("first", "second")
 # Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
 BUILT = "sheet"
+# The merit that is mended: the part of a place that neither crosses something, nor turns over, nor bares what is below.
+MENDED = "whole"
 # Digits of a weight: merits have three.
 DIGITS = 3
 
@@ -95,7 +98,8 @@ class Fit:
 
     def chances(self, places: Places) -> Floats:
         """(places, 2) probabilities of "at least weak" and of "keep"."""
-        sums = (places.logs @ self.weights)[:, None] + self.biases
+        mended = np.where(np.array(places.names) == MENDED, 0.0, places.logs)
+        sums = (mended @ self.weights)[:, None] + self.biases
         found: Floats = places.limbs[:, None] / (1.0 + np.exp(-sums))
         return found
 
@@ -163,7 +167,8 @@ def weights_of(places: Places) -> dict[str, object]:
     fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1) & places.limbs).logs.mean(axis=0)
 
     def by_name(values: Floats) -> dict[str, float]:
-        return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
+        found = dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
+        return {name: value for name, value in found.items() if name != MENDED}
 
     return {"bias": round(float(fit.biases[1]), DIGITS), "weights": by_name(fit.weights), "kept": by_name(kept)}
 

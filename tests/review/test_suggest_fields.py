@@ -122,7 +122,7 @@ def test_folds_are_wider_where_a_budget_asks_for_it(jeans: tuple[Path, Suggestio
     frugal = suggest(path, budget=budget)
     (each,) = frugal.fields
     assert each.gpu_bytes <= budget
-    assert each.wavelength == pytest.approx(found.fields[0].wavelength * 1.1 / 0.7**0.5, rel=0.02)
+    assert each.wavelength == pytest.approx(found.fields[0].wavelength * 1.1 / 0.7**0.5, rel=0.1)
     (tmp_path / "tools.yaml").write_text(frugal.text)
     assert not check(path, tmp_path / "tools.yaml").warnings
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import DrivenTargets, Rig
 from wrinklecli.drive.segment import Segment
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import Region
 from wrinklecli.tools.records import EffectTool
@@ -93,6 +93,13 @@ class Attached(Protocol[Tool]):
     def bump_width(self) -> float:
         """The width of a bump, scene units."""
         return self.span
+
+    def may_move(self, _fine: Refinement) -> Sequence[Ints]:
+        """For each target the vertices of a refined surface that it may move, before that carries the effect.
+
+        They are known of fields alone, which move so many that it matters.
+        """
+        return ()
 
     @property
     def full(self) -> float:

@@ -141,8 +141,9 @@ def plan_on(
     influences: int | None = None,
     max_vertices: int = MAX_VERTICES,
     stored: bool = True,
+    carried: bool = True,
 ) -> MeshPlan:
-    """Plan tools that are attached already, as `plan_mesh` does."""
+    """Plan tools that are attached already, as `plan_mesh` does; the surface is only refined if it is not `carried`."""
     document, rig, rest = ground.document, ground.rig, ground.rest
     tallest = min(
         max(each.greatest_height for each in attached if type(each) is kind)
@@ -178,6 +179,8 @@ def plan_on(
         copies=tuple(rig.names[node] for node in ground.contacts.copies),
         unread=tuple(ground.contacts.unread.values()),
     )
+    if not carried:
+        return plan
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
     for section, kind in kinds_of(each.tool for each in attached).items():

@@ -25,6 +25,7 @@ from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rounding import FACETED, bends
 from wrinklecli.surface.strain import solid
 from wrinklecli.surface.substance import substances_at
@@ -45,6 +46,9 @@ _HELD = 4
 _LEAST_HEIGHT = 0.01
 # Part of the greatest height below which nothing is seen.
 _LEAST_SEEN = 0.02
+# Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
+# slowly, and would else be all over a garment.
+UNSEEN = 1e-3
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3
@@ -99,6 +103,11 @@ class AttachedField(Attached[Field]):
     def bump_width(self) -> float:
         """A wavelength."""
         return self.wavelength
+
+    def may_move(self, fine: Refinement) -> list[Ints]:
+        """For each target the vertices of a refined surface that it may move; lowering may leave out some of them."""
+        heights = fine.subdivision.interpolate(self.factors.shapes.T)
+        return [np.flatnonzero(each > UNSEEN * heights.max()) for each in heights.T]
 
 
 def attach_fields(fields: Sequence[Field], ground: Ground) -> list[AttachedField]:

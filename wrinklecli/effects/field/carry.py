@@ -7,10 +7,10 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.field import irregular
-from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.field.attach import UNSEEN, AttachedField
 from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.heights import NEAR
-from wrinklecli.effects.field.lowering import UNSEEN, lowering
+from wrinklecli.effects.field.lowering import lowering
 from wrinklecli.effects.field.material import Fabric
 from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles

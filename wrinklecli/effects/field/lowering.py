@@ -16,7 +16,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.rig import Rig
 from wrinklecli.effects.faults import turned_over
-from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.field.attach import UNSEEN, AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
@@ -40,9 +40,6 @@ _MOMENTS, _DIGITS = 25, 3
 # Halvings of what is at fault for the first time. Each further time takes as many as all before and a first one more,
 # so that even shapes that hardly act become level. Most faults are gone after a little, which leaves a fold to be seen.
 _FIRST = 0.25
-# Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
-# slowly, and would else be all over a garment.
-UNSEEN = 1e-3
 
 
 def lowering(

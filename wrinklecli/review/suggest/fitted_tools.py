@@ -101,7 +101,8 @@ class Suggestion:
             place of a path, with lower wrinkles, with wide furrows.
         own_profile: True if the tool's profile is another one than its material's.
         twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
-        twins_alike: True if it shortens as far, to a hundredth of its length, and so looks the same in a mirror.
+        twins_alike: True if it shortens as far in a range of motion, to a hundredth of its length: it looks the same
+            in a mirror, as joints of both sides turn alike.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
         part: The part of the body of a driving joint, if known.
@@ -325,7 +326,7 @@ class _Search:
             substance=candidate.substance,
             fault=candidate.fault,
             twin_moment=None if twin is None else (twin.clip.name, twin.time),
-            twins_alike=twin is not None and abs(twin.ratio - best.ratio) < 0.01,
+            twins_alike=bool(self.further) and twin is not None and abs(twin.ratio - best.ratio) < 0.01,
         )
         lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
         others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]

@@ -17,6 +17,7 @@ from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.faults import turned_warnings
 from wrinklecli.effects.plan import attach_effects, driven_by, plan_on, sketch, skin_parts
@@ -35,6 +36,7 @@ from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.review.suggest.trial import MOST_LEVELS, Placement, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, fault_of
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import OF_MATERIALS, Field
@@ -210,56 +212,98 @@ def suggest_fields(
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
-    The budget is bytes on a GPU. Where a field takes more, wider folds, which need fewer vertices, may fit.
+    The budget is bytes on a GPU. What a field takes is known before the mesh carries it, which takes longest. Where it
+    takes more, wider folds, which need fewer vertices, may fit.
     """
-    fields, dropped = list[SuggestedField](), list[Dropped]()
-    tried = in_processes(partial(_tried, asset, clips, stage), garments, asset.jobs)
-    for step, (garment, each) in enumerate(zip(garments, tried, strict=True), 1):
-        progress("fields", step, len(garments))
-        # Vertices are as many as squares of a wavelength's side.
-        wider = 0.0 if isinstance(each, Dropped) or budget <= 0 else math.sqrt(each.gpu_bytes / budget)
-        if 1.0 < wider < _WIDEST:
-            wavelength = garment.field.wavelength
-            length = replace(wavelength, value=round(wavelength.value * min(_TO_FIT * wider, _WIDEST), 1))
-            each = _tried(asset, clips, stage, replace(garment, field=replace(garment.field, wavelength=length)))
-        if isinstance(each, Dropped):
-            dropped.append(each)
-        elif each.gpu_bytes > budget:
-            dropped.append(Dropped.costly(each.field.name, each.mesh, each.gpu_bytes))
+    drafts, dropped = list[_Draft](), list[Dropped]()
+    for each in garments:
+        name, where = each.field.name, each.mesh.rig.names[each.mesh.rig.node]
+        try:
+            draft = _Draft.of(asset, each)
+            # Vertices are as many as squares of a wavelength's side.
+            wider = math.sqrt(draft.gpu_bytes / budget) if budget > 0 else math.inf
+            if 1.0 < wider < _WIDEST:
+                wavelength = each.field.wavelength
+                length = replace(wavelength, value=round(wavelength.value * min(_TO_FIT * wider, _WIDEST), 1))
+                draft = _Draft.of(asset, replace(each, field=replace(each.field, wavelength=length)))
+        except WrinkleError as error:
+            dropped.append(Dropped(name, where, "refused", 0.0, error.lines[0]))
+            continue
+        if draft.gpu_bytes > budget:
+            dropped.append(Dropped.costly(name, where, draft.gpu_bytes))
         else:
-            budget -= each.gpu_bytes
-            fields.append(each)
+            budget -= draft.gpu_bytes
+            drafts.append(draft)
+    fields = list[SuggestedField]()
+    for step, found in enumerate(in_processes(partial(_tried, clips, stage), drafts, asset.jobs), 1):
+        progress("fields", step, len(drafts))
+        if isinstance(found, Dropped):
+            dropped.append(found)
+        else:
+            fields.append(found)
     stage.let_go()
     return fields, dropped
 
 
-def _tried(asset: TriedAsset, clips: Sequence[Clip], stage: Stage, garment: Garment) -> SuggestedField | Dropped:
+@dataclass(frozen=True, slots=True)
+class _Draft:
+    """A field attached to its mesh, and the mesh as a bake refines it, before that carries the field.
+
+    Attributes:
+        garment: The garment, with the field.
+        ground: The mesh at rest.
+        attached: The field.
+        refined: The refined mesh.
+        gpu_bytes: What the targets of the field take at most.
+    """
+
+    garment: Garment
+    ground: Ground
+    attached: AnyAttached
+    refined: MeshPlan
+    gpu_bytes: int
+
+    @classmethod
+    def of(cls, asset: TriedAsset, garment: Garment) -> "_Draft":
+        """Attach the field of a garment, and refine the mesh for it.
+
+        Raises:
+            WrinkleError: A bake would refuse it.
+        """
+        settings = _settings(asset.document)
+        ground, (attached,) = attach_effects(asset.ground(garment.mesh.rig.node), [garment.field], settings)
+        refined = plan_on(ground, [attached], settings, ONE_PERCENT, carried=False)
+        return cls(garment, ground, attached, refined, planned_bytes(refined, attached.may_move(refined.fine)))
+
+
+def _settings(document: Document) -> ToolsFile:
+    """A file with a field alone; no edge is halved more often than it has to be."""
+    return ToolsFile(path=document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
+
+
+def _tried(clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
     """A field as it bakes well, or the reason why it is left out."""
-    mesh = garment.mesh
-    # No edge is halved more often than it has to be.
-    settings = ToolsFile(path=asset.document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
+    garment, rig = draft.garment, draft.refined.rig
     try:
-        plan = plan_on(*attach_effects(asset.ground(mesh.rig.node), [garment.field], settings), settings, ONE_PERCENT)
+        plan = plan_on(draft.ground, [draft.attached], _settings(draft.ground.document), ONE_PERCENT)
     except WrinkleError as error:
-        where = mesh.rig.names[mesh.rig.node]
-        return Dropped(garment.field.name, where, "refused", 0.0, error.lines[0])
+        return Dropped(garment.field.name, rig.names[rig.node], "refused", 0.0, error.lines[0])
     (part,) = skin_parts(plan)
     for strength in _STRENGTHS:
         field = replace(garment.field, strength=strength)
         weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
-        found = _judged(plan, weaker or part, clips_that_move(mesh.rig, clips), stage, replace(garment, field=field))
+        tried = replace(draft, garment=replace(garment, field=field))
+        found = _judged(plan, weaker or part, clips_that_move(rig, clips), stage, tried)
         if isinstance(found, SuggestedField) or found.reason != "warned":
             break
     return found
 
 
-def _judged(
-    plan: MeshPlan, part: Part, moving: Sequence[Clip], stage: Stage, garment: Garment
-) -> SuggestedField | Dropped:
+def _judged(plan: MeshPlan, part: Part, clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
     """A planned field that is worth it, or the reason why it is not."""
-    field, mesh = garment.field, garment.mesh
-    where = mesh.rig.names[mesh.rig.node]
-    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in moving]
+    field = draft.garment.field
+    where = plan.rig.names[plan.rig.node]
+    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in clips]
     warnings = part.words(plan).warnings(plan, seen, up="y") + turned_warnings(plan, part, seen)
     if plan.fine.subdivision.limited:
         warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")
@@ -267,9 +311,9 @@ def _judged(
         return Dropped(field.name, where, "warned", 0.0, warnings[0])
     # Each shape where it is tallest, the tallest of all first.
     heights = np.stack([each.weights.max(axis=0) for each in seen]) * part.sizes(plan.fine)
-    clips, order = heights.argmax(axis=0), np.argsort(-heights.max(axis=0), kind="stable")[:_LOOKS]
+    where_tallest, order = heights.argmax(axis=0), np.argsort(-heights.max(axis=0), kind="stable")[:_LOOKS]
     moments = []
-    for shape, number in zip(order.tolist(), clips[order].tolist(), strict=True):
+    for shape, number in zip(order.tolist(), where_tallest[order].tolist(), strict=True):
         motion = seen[number].motion
         moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
     moments = list(dict.fromkeys(moments))
@@ -285,7 +329,7 @@ def _judged(
     return SuggestedField(
         field=field,
         mesh=where,
-        why=garment.why,
+        why=draft.garment.why,
         clip=moments[0][0],
         time=moments[0][1],
         height=float(heights.max()),

@@ -93,12 +93,11 @@ class StagedTool:
 
     @cached_property
     def crossings(self) -> int:
-        """The number of edges that pass through triangles at the place with wrinkles."""
+        """The number of edges that pass through triangles at the place without wrinkles: bumps in a crease may meet."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
-        crossings = Crossings.of(
-            self.plain, self.triangles[meets(self.wrinkled, self.triangles, *_box(self.wrinkled[there]))]
-        )
-        edges, triangles = crossings.at(self.wrinkled)
+        near = meets(self.plain, self.triangles, *_box(self.plain[there]))
+        crossings = Crossings.of(self.plain, self.triangles[near])
+        edges, triangles = crossings.at(self.plain)
         corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
         return int(there[corners].any(axis=1).sum())
 
