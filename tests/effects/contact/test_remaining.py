@@ -66,8 +66,9 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     entry = crossings(asset, files[1], fps=15.0).data["clips"][0]
     before, wrinkled = entry["counts"]
     moment = round(15.0 * left.time)
-    assert (left.time, left.before, left.wrinkled) == (moment / 15.0, before[moment], wrinkled[moment])
-    assert left.resolved == left.wrinkled > 0
+    # Wrinkles of 0.1 % stand for the skin alone: where it is exactly symmetric, its sides touch by chance.
+    assert left.time == moment / 15.0
+    assert left.resolved == left.wrinkled == left.before == wrinkled[moment] >= before[moment] > 0
 
     silent = PlayerError(0.0, 0.0, silent=True)
     words = ContactWords(crease, ("crease",), {"fold": own}, (left,), {"fold": silent})

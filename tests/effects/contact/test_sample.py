@@ -33,7 +33,7 @@ def test_contact_is_resolved_in_a_clip_of_one_key(more: Json, tmp_path: Path) ->
     asset = posed_limb(tmp_path / "limb.glb", degrees=75.0)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, max_height="10%", **more), **TOP)
     report = wrinklecli.bake(asset, tools, tmp_path / "out.glb")
-    (clip,) = crossings(tmp_path / "out.glb").data["clips"]
+    clip, *_ = crossings(tmp_path / "out.glb").data["clips"]
     assert clip["totals"][0] > clip["totals"][1] == 0
     (fold,) = report.data["folds"]
     file = Gltf(tmp_path / "out.glb")
