@@ -110,9 +110,8 @@ def test_instances_that_move_alike_are_measured_once(monkeypatch: pytest.MonkeyP
         counted(monkeypatch, tally, measure, name)
     found = suggest(crowd_asset(3, skinned=True).write(tmp_path / "crowd.glb"), count=8, everything=True)
     assert set(tally.values()) == {1}
-    tools = [(each.mesh, (each.driver, each.tool.origin, each.tool.target)) for each in found.tools]
-    assert {mesh for mesh, _ in tools} == {"limb", *(f"limb_{number}" for number in range(3))}
-    assert len({where for _, where in tools}) == 1
+    # They are in one place, where a fold has one tool.
+    assert [each.mesh for each in found.tools] == ["limb"]
 
 
 @pytest.mark.slow

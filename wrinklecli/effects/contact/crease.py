@@ -226,18 +226,11 @@ class Crease(Surface):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
-        good = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults))
-        return Followed(
-            marched.clip,
-            marched.times,
-            interpolated(marched.times, marched.times[good], weights[good])
-            if len(good)
-            else self._looked_up(marched.clip, marched.times),
-            error * self.fold.radius / UNITS,
-            tuple(crossing),
-            tuple(sorted({*crossing, *unspanned})),
-            marched.faults,
-        )
+        good, times = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults)), marched.times
+        held = interpolated(times, times[good], weights[good]) if len(good) else self._looked_up(marched.clip, times)
+        error *= self.fold.radius / UNITS
+        unspanned = sorted({*crossing, *unspanned})
+        return Followed(marched.clip, times, held, error, tuple(crossing), tuple(unspanned), marched.faults)
 
     def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
