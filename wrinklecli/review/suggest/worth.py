@@ -270,11 +270,14 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
 
 
 def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
-    """Why a field is not worth it where it is tallest, with the number that says so; None if it is."""
+    """Why a field is not worth it where it is tallest, with the number that says so; None if it is.
+
+    What armour hides of it there does not count, since the rest of a garment is seen.
+    """
     look = _look(stage, placement, clip, time)
     if look is None:
         return "not raised", 0.0
-    score = look.score
+    score = Score.of(replace(look.score.merits, seen=1.0))
     return None if score.is_kept else score.reason
 
 
