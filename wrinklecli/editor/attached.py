@@ -347,7 +347,7 @@ class AttachedTools:
         return found
 
     def greatest_moves(self, cache: ClipCache, clips: Sequence[Clip]) -> dict[str, float]:
-        """How far each effect moves the skin at most in any clip, over its length, by name."""
+        """Measure how far each effect moves the skin at most in any clip, over its length, by name."""
         every: dict[str, AttachedTool | AttachedBelow] = {**self.tools, **self.below}
         return {
             name: max((float(each.heights(cache, clip)[1].max()) for clip in clips), default=0.0) / each.span

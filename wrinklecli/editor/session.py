@@ -305,11 +305,11 @@ class Session(Edits):
             WrinkleError: The file cannot be written.
         """
         with self._guarded():
-            stem, folder = os.path.splitext(self.path)[0] + f".{identifier(tool)}", os.path.dirname(self.path)
+            stem = f"{os.path.splitext(self.path)[0]}.{identifier(tool)}"
             path = next(each for k in count(1) if not os.path.exists(each := f"{stem}_{k}.png"))
             with Outputs() as outputs:
                 outputs.add_bytes(path, canvas.png())
-            image = os.path.relpath(path, folder or ".")
+            image = os.path.basename(path)
             texcoord = {"texcoord": canvas.texcoord} if canvas.texcoord else {}
             self.set_value(tool, ("mask",), {"image": image, **texcoord})
             return image
@@ -469,7 +469,7 @@ class Session(Edits):
             return self._refined[1].warnings(self._loaded.cache, self.clips, self._settings_of(self._base.file))
 
     def greatest_moves(self) -> dict[str, float]:
-        """How far each effect that fits moves the skin at most in any clip, over its length; may take seconds."""
+        """Measure how far each effect that fits moves the skin in any clip, over its length; this may take seconds."""
         self.refine()
         assert self._refined is not None
         with guarded(self.asset):

@@ -11,7 +11,7 @@ import viser
 
 from wrinklecli.character.paints import Colour, Paint, Texture, read_paints
 from wrinklecli.character.scene import read_scene
-from wrinklecli.editor.attached import AttachedBelow, AttachedTool, ShownMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
@@ -104,6 +104,7 @@ class Viewport:
         self._hinted: AttachedTool | None = None
         # The greatest compression of meshes, which is shown while a place is sought.
         self._compressed: dict[Ground, Compressed] | None = None
+        self._sought: dict[PlayableMesh, Floats] = {}  # its colours, which stay while a clip plays
         self._canvas: MaskCanvas | None = None  # that is painted
         self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
@@ -155,7 +156,7 @@ class Viewport:
     def seek(self, *, folds: bool) -> None:
         """Colour the surface by the greatest compression over all clips while a place that folds is sought."""
         if folds is not (self._compressed is not None):
-            self._compressed = {} if folds else None
+            self._compressed, self._sought = {} if folds else None, {}
             self._here.content = ""
             self._show_bodies()
             if folds:
@@ -309,13 +310,7 @@ class Viewport:
         It is that at a moment of a clip, or the greatest one while a place is sought.
         """
         if self._compressed:
-            known = [self._compressed.get(mesh.source.ground) for mesh in meshes]
-            rests = [mesh.source.rest_positions for mesh in meshes]
-            losses = [
-                np.zeros(len(rest)) if found is None else found.at(rest)[0]
-                for found, rest in zip(known, rests, strict=True)
-            ]
-            return [linear_rgb(heat_colours(each)) for each in losses]
+            return [self._greatest_heat(mesh.source, self._compressed.get(mesh.source.ground)) for mesh in meshes]
         if self._canvas is not None or (self._look.value != "heat" and self._compressed is None):
             return []
         plain = {mesh.source: mesh for mesh in self._session.meshes(*moment, wait=False, wrinkled=False)}
@@ -323,6 +318,14 @@ class Viewport:
             point_colours(mesh.source.rest_positions, plain.get(mesh.source, mesh).positions, mesh.faces)
             for mesh in meshes
         ]
+
+    def _greatest_heat(self, mesh: PlayableMesh, found: Compressed | None) -> Floats:
+        """(points, 3) colours of a mesh by its greatest compression; those of none until it is measured."""
+        if found is None:
+            return linear_rgb(heat_colours(np.zeros(len(mesh.rest_positions))))
+        if mesh not in self._sought:
+            self._sought[mesh] = linear_rgb(heat_colours(found.at(mesh.rest_positions)[0]))
+        return self._sought[mesh]
 
     def _show_tools(self) -> None:
         outlines = []
