@@ -253,12 +253,14 @@ def _states(
     while ahead := list(islice(poses, _AHEAD)):
         if not touching and tissue.is_clear(ahead[-1].positions):
             yield from (SolverState(posed.positions, posed) for posed in ahead)
-            if not solved or not solved[-1].stands_for(SolverState(ahead[-1].positions, ahead[-1])):
-                solved.append(_Reached(SolverState(ahead[-1].positions, ahead[-1])))
+            last = SolverState(ahead[-1].positions, ahead[-1])
+            if not solved or not solved[-1].stands_for(last):
+                solved.append(_Reached(last))
             continue
         for posed in ahead:
-            nearest = min(solved, key=lambda each: each.distance(posed), default=None)
-            apart = 0.0 if nearest is None else nearest.distance(posed)
+            distances = [each.distance(posed) for each in solved]
+            apart = min(distances, default=0.0)
+            nearest = solved[distances.index(apart)] if solved else None
             if (nearest is None or apart < nearest.reach) and steps.suffice:
                 (found,) = march(tissue, [posed], None if nearest is None else nearest.state)
                 if found.converged and found.correction.any() and tissue.tears(posed.positions, found.positions):
