@@ -36,8 +36,8 @@ def turned_warnings(plan: MeshPlan, part: Part, clips: Sequence[Seen]) -> list[s
     if moment is None:
         return []
     clip, time = moment
-    count = count_teeth(plan, part, clip, time)
-    if not count:
+    count = count_turned_over(part, plan.fine, plan.rig, clip, time)
+    if count <= _SEEN * len(plan.fine.around.faces_of(part.vertices)):
         return []
     return [
         f"{part.attached.tool.name}: turns {counted(count, 'triangle')} over in {clip.name} at {time:.3g} s, which"
@@ -65,12 +65,6 @@ def departure_warnings(fine: Refinement, parts: Iterable[Part]) -> list[str]:
         for part in parts
         if fine.departs(part.region)
     ]
-
-
-def count_teeth(plan: MeshPlan, part: Part, clip: Clip, time: float) -> int:
-    """Count the triangles that an effect turns over at a moment of a clip; 0 if they are too few to be seen."""
-    count = count_turned_over(part, plan.fine, plan.rig, clip, time)
-    return count if count > _SEEN * len(plan.fine.around.faces_of(part.vertices)) else 0
 
 
 def turned_over(triangles: Ints, faces: Floats | list[Floats], normals: Floats | list[Floats]) -> Bools:

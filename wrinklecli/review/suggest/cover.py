@@ -137,11 +137,11 @@ def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, 
     corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
     low, high = starts.min(axis=0) - _REACH * size, starts.max(axis=0) + _REACH * size
     corners += layers.near(clip, time, low, high, node=mesh.rig.node)
-    covered = met_from_inside(starts, rays, np.concatenate(corners), size, _REACH * size)
+    covered = _met_from_inside(starts, rays, np.concatenate(corners), size, _REACH * size)
     return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
 
 
-def met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, reach: float) -> Floats:
+def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, reach: float) -> Floats:
     """(rays,) 1 for rays that meet the inside of a layer before they meet anything thicker; else 0.
 
     Args:
