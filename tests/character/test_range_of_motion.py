@@ -123,7 +123,7 @@ def test_a_finger_bends_as_it_is_bent_in_the_stored_pose(bend: float, ends: set[
 
 
 def test_a_spine_turns_as_a_spine_though_a_leg_hangs_from_it() -> None:
-    """As of 3ds Max's Biped. The limb lies along x, and the leg goes the other way."""
+    """The joints are 3ds Max's Biped's. The limb lies along x, and the leg goes the other way."""
     asset = limb_asset(rings=12, sides=4, joints=4, clip=None)
     nodes = asset.gltf["nodes"]
     for node, name in zip(nodes[2:5], ("Bip01 Spine", "Bip01 Spine1", "Bip01 L Thigh"), strict=True):

@@ -39,7 +39,7 @@ def test_of_an_asset_without_clips_six_motions_are_shown_at_their_ends(tmp_path:
 
 
 def test_clips_that_hold_still_count_as_none(tmp_path: Path) -> None:
-    """As of an exporter that writes the pose of the character as a clip."""
+    """Exporters write the pose of the character as such a clip."""
     path = limb(tmp_path / "limb.glb", angle=0.0)
     assert {name for name, _ in shown(path, PreviewOptions(), Motions())} > {"joint_1 about x, +45°"}
     assert {name for name, _ in shown(path, PreviewOptions(clips=["fold"]), Motions())} == {"fold"}
