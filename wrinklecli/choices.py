@@ -8,6 +8,20 @@ from typing import Literal, TypeAlias, get_args
 FPS = 30.0
 """Frames per second where nobody asks for others."""
 
+EFFECTS = {
+    "muscles": ("muscle", "tools.body.Muscle"),
+    "flesh": ("flesh", "tools.body.Flesh"),
+    "touches": ("touch", "tools.body.Touch"),
+    "tools": ("wrinkle", "tools.records.WrinkleTool"),
+    "fields": ("field", "tools.fields.Field"),
+    "folds": ("contact", None),
+}
+"""The effects in the order in which they act; those before `tools` move the body below the skin.
+
+The key of an effect is that of its lists in tools files, extras and reports. It gives the folder in `effects`, and the
+record of an entry of a tools file. Contact has no record, as tools ask for it.
+"""
+
 # A tools file.
 Up: TypeAlias = Literal["y", "z"]
 RestPose: TypeAlias = Literal["stored", "bind"]

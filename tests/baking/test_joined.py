@@ -188,7 +188,7 @@ def test_a_node_that_is_absent_is_told_or_left_out(tmp_path: Path) -> None:
 def test_two_gloves_are_fields_of_their_own() -> None:
     """A field without a joint or a node of one side would lie on itself."""
     text = "version: 1\nfields:\n  - {name: glove.L, node: [hand.L, cuff.L], joints: [wrist.L], mirror: x}\n"
-    one, other = parse_tools(text).fields
+    one, other = parse_tools(text).effects
     assert (one.node, one.beside, one.joints) == ("hand.L", ("cuff.L",), ("wrist.L",))
     assert (other.node, other.beside, other.joints) == ("hand.R", ("cuff.R",), ("wrist.R",))
     with pytest.raises(WrinkleError, match="its mirrored field would lie on itself: remove mirror"):

@@ -18,8 +18,9 @@ from wrinklecli.baking.job import BakeOptions, Job, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import KEY_GAP
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
+from wrinklecli.choices import EFFECTS
 from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
-from wrinklecli.effects.order import KINDS, kind_of
+from wrinklecli.effects.order import kind_of
 from wrinklecli.effects.plan import attach_one, patch_parts, sketch, skin_parts
 from wrinklecli.effects.sampling import play_parts, reader, sample_effects, seen_at
 from wrinklecli.numeric.guard import log_progress
@@ -57,7 +58,7 @@ def part_of(section: str) -> Part:
 
 
 def test_each_kind_has_its_own_section_and_says_if_it_can_be_baked_here() -> None:
-    assert {*KINDS} == {*ASSETS, "folds"}
+    assert {*EFFECTS} == {*ASSETS, "folds"}
     assert all(kind_of(section).is_installed for section in ASSETS)
 
 

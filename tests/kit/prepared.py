@@ -90,7 +90,7 @@ def unattached(asset: Asset) -> Prepared:
     """An asset at rest, without tools."""
     document = as_document(asset)
     rig, clips = read_rig(document, 0), read_clips(document)
-    surface, settings = read_surface(document, rig), ToolsFile(path="tools.yaml", tools=())
+    surface, settings = read_surface(document, rig), ToolsFile(path="tools.yaml")
     return Prepared(document, rig, surface, clips, settings, rest_pose(surface, rig, settings, clips, []), [])
 
 

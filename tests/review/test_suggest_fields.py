@@ -52,7 +52,7 @@ def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tm
     path, found = jeans
     assert not found.tools
     (each,) = found.fields
-    (read,) = parse_tools(found.text).fields
+    (read,) = parse_tools(found.text).effects
     assert (read.name, read.node, read.substance, read.material, read.joints) == ("clothes", None, None, "cloth", "all")
     assert each.clip == "fold"
     assert 0.0 < each.height < each.wavelength

@@ -142,11 +142,10 @@ def test_effects_of_other_lists_are_added(list_key: str, entry: str, up: str) ->
     mine = f"version: 1\nup: {up}\ntools:\n- {{name: a, origin: [0, 0, 0], target: [1, 0, 0], width: 1}}\n"
     found = f"version: 1\n\n{list_key}:\n  - name: {entry}\n"
     made = merged("tools.yaml", mine, found)
-    (added,) = getattr(parse_tools(made.text), list_key)
-    (wanted,) = getattr(parse_tools(found), list_key)
+    (tool, added), (wanted,) = (parse_tools(text).effects for text in (made.text, found))
+    assert (tool.section, added.section, wanted.section) == ("tools", list_key, list_key)
     for key in ("origin", "insertion", "at", "towards"):
         assert getattr(added, key, None) == getattr(wanted, key, None)
-    assert len(parse_tools(made.text).tools) == 1
 
 
 @pytest.mark.parametrize("tools", ["tools:\n", "tools: []\n", ""])

@@ -33,7 +33,7 @@ def skin_below(folder: Path, places: Array, triangles: Array) -> Ground:
     asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "cloth", "mesh": mesh}))
     document = read_document(asset.write(folder / "plate.glb"))
     node = next(k for k, each in enumerate(document.items("nodes")) if each.get("name") == "skin")
-    return read_ground(document, node, (), ToolsFile(path="", tools=()), ())
+    return read_ground(document, node, (), ToolsFile(path=""), ())
 
 
 CLOTHS = {

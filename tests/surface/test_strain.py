@@ -30,7 +30,7 @@ def gauge_of(path: Path, node: int = 0) -> tuple[Gauge, tuple[Clip, ...]]:
     document = read_document(path)
     rig, clips = read_rig(document, node), read_clips(document)
     surface = read_surface(document, rig)
-    return read_gauge(surface, rest_pose(surface, rig, ToolsFile(path="", tools=()), clips, []), rig), clips
+    return read_gauge(surface, rest_pose(surface, rig, ToolsFile(path=""), clips, []), rig), clips
 
 
 @given(st.lists(st.floats(-1, 1), min_size=6, max_size=6), st.floats(0, 3), st.floats(0, 6))

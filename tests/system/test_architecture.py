@@ -8,8 +8,8 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+from wrinklecli.choices import EFFECTS
 from wrinklecli.cli import cli
-from wrinklecli.effects.order import KINDS
 
 TESTS = Path(__file__).parents[1]
 PACKAGE = TESTS.parent / "wrinklecli"
@@ -93,7 +93,7 @@ def test_rooms_are_the_folders() -> None:
 
 def test_an_effect_knows_only_those_that_act_before_it() -> None:
     effects = [path.parent.name for path in sorted((PACKAGE / "effects").glob("*/__init__.py"))]
-    acting = list(KINDS.values())
+    acting = [folder for folder, _ in EFFECTS.values()]
     assert sorted(acting) == sorted(effects)
     for path in (PACKAGE / "effects").glob("*/*.py"):
         known = {name.split(".")[2] for name in imports_of(path) if name.startswith("wrinklecli.effects.")}
@@ -103,13 +103,13 @@ def test_an_effect_knows_only_those_that_act_before_it() -> None:
 
 # Rooms that know each kind of effect by name: those that make them, and that read their entries.
 KNOWING = ("effects", "drive", "tools")
-EFFECTS = "|".join(folder.parent.name for folder in (PACKAGE / "effects").glob("*/__init__.py"))
+FOLDERS = "|".join(folder for folder, _ in EFFECTS.values())
 
 
 def test_other_rooms_know_effects_only_as_effects() -> None:
     """They ask what may be asked of any effect, and never what kind it is."""
     for path in (path for path in SOURCES if room_of(path) not in KNOWING):
-        known = {name for name in imports_of(path) if re.match(rf"wrinklecli\.effects\.({EFFECTS})\b", name)}
+        known = {name for name in imports_of(path) if re.match(rf"wrinklecli\.effects\.({FOLDERS})\b", name)}
         assert not known, place_of(path)
         classes = {
             alias.asname or alias.name

@@ -10,7 +10,6 @@ from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import presets, presets_of
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import WrinkleTool
-from wrinklecli.tools.schema import OWN_KEYS
 
 TOOL = {"name": "a", "origin": [0, 0, 0], "target": [1, 0, 0], "width": 1}
 OWN_PRESETS: dict[str, Any] = {"cuff": {"material": "cloth", "gap": 2, "profile": "smooth", "max_height": "3%"}}
@@ -32,7 +31,7 @@ def test_the_values_that_count_are_those_of_a_bake(own: dict[str, Any], defaults
     (tool,) = read_values({"version": 1, "presets": OWN_PRESETS, "defaults": defaults, "tools": [own]}).tools
     readers = readers_of(WrinkleTool)
     found = effective_values(own, defaults, KNOWN)
-    for key in {*found, *readers} - {*OWN_KEYS, "mirror"}:
+    for key in {*found, *readers} - {*WrinkleTool.own_keys, "mirror"}:
         assert readers[key](found[key].value) == getattr(tool, key), key
 
 
@@ -40,7 +39,7 @@ def test_the_values_that_count_are_those_of_a_bake(own: dict[str, Any], defaults
 def test_the_values_of_a_field_are_those_of_a_bake(own: dict[str, Any]) -> None:
     """Its material gives them, also where the file asks for that by a word."""
     own = {"name": "a", **own}
-    (tool,) = read_values({"version": 1, "fields": [own]}).fields
+    (tool,) = read_values({"version": 1, "fields": [own]}).effects
     readers = readers_of(Field)
     found = effective_values(
         {key: each for key, each in own.items() if each not in (None, "auto")}, {}, presets(), Field

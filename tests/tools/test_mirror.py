@@ -106,9 +106,9 @@ def test_a_missing_end_does_not_lie_on_itself():
 
 
 def test_a_field_has_the_joints_or_the_mesh_of_the_other_side():
-    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, joints: [arm_l, hip]}]}").fields
+    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, joints: [arm_l, hip]}]}").effects
     assert [(each.name, each.joints) for each in made] == [("arm.L", ("arm_l", "hip")), ("arm.R", ("arm_r", "hip"))]
-    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, node: sleeve_L}]}").fields
+    made = parse_tools("{version: 1, fields: [{name: arm.L, mirror: x, node: sleeve_L}]}").effects
     assert [each.node for each in made] == ["sleeve_L", "sleeve_R"]
     for keys in ("", ", node: shirt", ", joints: all, node: shirt"):
         (line,) = lines_of(f"{{version: 1, fields: [{{name: arm.L, mirror: x{keys}}}]}}")

@@ -82,7 +82,7 @@ def test_every_key_arrives():
         rest=RestFrame("walk", 0.5),
         sampling=Sampling(24.0, ("walk", "run")),
         refinement=RefinementSettings(3, 4, "midpoint"),
-        tools=(
+        effects=(
             WrinkleTool(
                 name="brow.L",
                 node="head_male",
@@ -180,7 +180,7 @@ def test_schema_and_records_agree_on_keys_and_defaults():
     for key, entry in TOOL.items():
         if key != "mirror" and "default" in entry:
             assert as_written(getattr(plain, key), key) == entry["default"], key
-    file = ToolsFile(path="", tools=())
+    file = ToolsFile(path="")
     for key in ("up", "rest", "sampling", "refinement"):
         assert as_written(getattr(file, key)) == FILE[key]["default"]
     for key in ("sampling", "refinement"):

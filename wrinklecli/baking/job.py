@@ -178,10 +178,10 @@ def _simplified(settings: ToolsFile, options: BakeOptions) -> tuple[ToolsFile, l
     if asked := [each.name for each in bare if each != each.without_contact]:
         why = "as in every draft" if options.draft else "as it moves the mesh"
         notes.append(f"{', '.join(asked)}: contact is left out, {why}")
+    effects = [each.without_contact if each in bare else each for each in settings.effects]
     if options.draft:
-        flesh = (replace(each, shapes=_DRAFTED_SHAPES) for each in settings.flesh if isinstance(each, Flesh))
-        settings = replace(settings, fields=tuple(each.without_contact for each in settings.fields), flesh=tuple(flesh))
-    return replace(settings, tools=tuple(each.without_contact for each in settings.tools)), notes
+        effects = [replace(each, shapes=_DRAFTED_SHAPES) if isinstance(each, Flesh) else each for each in effects]
+    return replace(settings, effects=tuple(effects)), notes
 
 
 def tools_paths(tools: ToolsPaths) -> Sequence[str | os.PathLike[str]]:

@@ -113,9 +113,10 @@ def _emit_tables(data: dict[str, Any], *, verbose: bool) -> None:
     for note in data["notes"]:
         emit(f"note: {note}")
         emit("")
-    from wrinklecli.effects.order import KINDS, kind_of
+    from wrinklecli.choices import EFFECTS
+    from wrinklecli.effects.order import kind_of
 
-    effects = [(kind_of(section), effect) for section in KINDS for effect in data.get(section, ())]
+    effects = [(kind_of(section), effect) for section in EFFECTS for effect in data.get(section, ())]
     rows = [
         [effect["name"], effect["node"], line.removeprefix(f"{effect['name']}: ")]
         for _, effect in effects

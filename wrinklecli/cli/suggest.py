@@ -188,7 +188,7 @@ def suggest(
         if merge and output is not None and outputs.would_replace(output):
             from wrinklecli.review.suggest.merged import merged
             from wrinklecli.tools.files_beside import load_text
-            from wrinklecli.tools.records import ToolsFile
+            from wrinklecli.tools.schema import KINDS
 
             before = load_text(output)
             merged(output, before, "version: 1\n", external=options["allow_external"])  # refuses a wrong one now
@@ -206,7 +206,7 @@ def suggest(
         if before is not None and output is not None:
             made = merged(output, before, text, external=options["allow_external"])
             text = made.text
-            added = [counted(count, *ToolsFile.LISTS[key]) for key, count in made.added.items()]
+            added = [counted(count, *KINDS[key].words) for key, count in made.added.items()]
             if not quiet:
                 say_findings([f"{output}: {f'{added[0]} added' if added else 'nothing is new'}"], ())
         if to_file or not as_json:

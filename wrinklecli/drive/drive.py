@@ -3,7 +3,7 @@
 A signal is measured in the posed rig, a filter follows it, and a response turns it into weights. A drive evaluates
 itself for arrays of times, and a node's `extras.wrinkle` holds it in JSON:
 
-Sections of the extras are played in their order, `SECTIONS`: anchors may move with the targets of those before.
+Sections of the extras are played in the order of `EFFECTS`: anchors may move with the targets of those before.
 
 - A segment has `anchors`, or `origin` and `target` where there are two. Each is the sum over its joints of weight ·
   matrix · position, where the matrix is the joint's own, to world space: optimisers that quantise positions change bind
@@ -45,6 +45,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.point import point_json, read_point
@@ -60,9 +61,6 @@ if TYPE_CHECKING:
     from wrinklecli.drive.swing import SwingDrive
     from wrinklecli.drive.touch import TouchDrive
     from wrinklecli.drive.turned import TurnDrive
-
-SECTIONS = ("muscles", "flesh", "touches", "tools", "fields", "folds")
-"""The lists of drives in extras, in the order in which they act."""
 
 LAYOUT = 2
 """The version of these keys, which extras without the key `layout` have in version 1."""
@@ -351,7 +349,7 @@ def wrinkle_entry(node: Json) -> Any:
 
 def stored_drives(entry: Json) -> list[Json]:
     """The drives in a node's extras, in the order in which they act; KeyError if no bake has written them."""
-    return [drive for name in SECTIONS for drive in (entry[name] if name == "tools" else entry.get(name, ()))]
+    return [drive for name in EFFECTS for drive in (entry[name] if name == "tools" else entry.get(name, ()))]
 
 
 def anchors_of(data: Json) -> list[Json]:

@@ -117,7 +117,7 @@ class LoadedAsset:
         self._clusters.count = _KEPT_PLANS + len(settings.on_skin)
         problems: dict[str, str] = {}
         by_node = self._by_node(settings.on_skin, settings, problems)
-        below = self._by_node(replace(settings, tools=(), fields=()).effects, settings, problems)
+        below = self._by_node([each for each in settings.effects if each not in settings.on_skin], settings, problems)
         meshes, tools, provisional = [], {}, False
         attached_below: dict[str, AttachedBelow] = {}
         for node in self._nodes:

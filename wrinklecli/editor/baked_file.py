@@ -40,7 +40,7 @@ class BakedFile:
             memory = Memory(options.max_memory)
             document = read_document(path, allow_external=options.allow_external, memory=memory)
             clips = read_clips(document)
-            attached = LoadedAsset(document, clips).attach(ToolsFile(path=path, tools=()))
+            attached = LoadedAsset(document, clips).attach(ToolsFile(path=path))
         return cls(summary, text, document, attached.meshes, {clip.name: clip for clip in clips}, label)
 
     def plays(self, clip: str | None) -> bool:

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import Any
 
 from wrinklecli.baking.job import BakeOptions, job_of
 from wrinklecli.baking.plan import plan_meshes
@@ -55,18 +54,15 @@ def trial_of(session: Session, tool: EditedTool, clip: str) -> ContactTrial:
     """The trial of a tool of a session, and of the tool that its `mirror` makes, among the tools that are shown."""
     own, fitting = {tool.name, tool.partner}, session.attached_tools()
     settings = session.settings()
-    lists: dict[str, Any] = {
-        key: tuple(
-            each if each.name in own else each.without_contact
-            for each in getattr(settings, key)
-            if each.name in fitting
-        )
-        for key in ("tools", "fields")
-    }
+    effects = tuple(
+        each if each.name in own else each.without_contact
+        for each in settings.effects
+        if each.name in fitting or each not in settings.on_skin
+    )
     return ContactTrial(
         asset=session.asset,
         read_options=session.read_options,
-        settings=replace(settings, **lists),
+        settings=replace(settings, effects=effects),
         tool=tool.name,
         clip=clip,
         pose=session.pose,

@@ -22,7 +22,7 @@ from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, numbered, split_side
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import ToolsFile, identifier, in_axes
-from wrinklecli.tools.schema import POINT_KEYS, TOOL_KEYS
+from wrinklecli.tools.schema import KINDS, POINT_KEYS, TOOL_KEYS
 from wrinklecli.tools.yaml_edit import Steps, ToolsText, with_part
 
 _MAX_STEPS = 300  # steps that can be undone
@@ -360,12 +360,12 @@ class Edits:
             error.lines = tuple(line.replace(alone, place, 1) for line in error.lines)
             raise
         drafted = {tool.name: tool for tool in read}
-        tools = [
+        settings = self._settings_of(file)
+        effects = [
             replace(drafted.get(name, tool), where=tool.where) if tool.name == name else tool
-            for tool in getattr(self._settings_of(file), file.key)
+            for tool in settings.effects
         ]
-        lists: dict[str, Any] = {file.key: tuple(tools)}
-        return Draft(file.key, number, values, replace(self._settings_of(file), **lists))
+        return Draft(file.key, number, values, replace(settings, effects=tuple(effects)))
 
     def _become(self, file: ToolsText, done: str, drag: Steps | None = None) -> None:
         """Add a step with another text, if it is valid; or let the current step become it, if that is the same drag."""
@@ -407,7 +407,7 @@ class Edits:
     def _entry(self, tool: str) -> tuple[ToolsText, int]:
         """The file with the list that has a tool, and the tool's number there."""
         names: list[str] = []
-        for key in ToolsFile.LISTS:
+        for key in KINDS:
             file = self._base.file.of_list(key)
             here = names_of(file)
             if tool in here:
@@ -422,7 +422,7 @@ class Edits:
     def _taken_names(self) -> set[str]:
         """The identifiers of all tools, with mirrored and disabled ones."""
         file = self._base.file
-        own = [name for key in ToolsFile.LISTS for name in names_of(file.of_list(key))]
+        own = [name for key in KINDS for name in names_of(file.of_list(key))]
         every = (*own, *(each.name for each in self.settings().effects))
         return {identifier(name) for name in every}
 

@@ -156,7 +156,7 @@ class Session(Edits):
                 for number, own in enumerate(file.tools):
                     if self._draft is not None and (self._draft.list_key, self._draft.number) == (list_key, number):
                         own = self._draft.values
-                    keys = effective_values(own, file.defaults, known, kind.record)
+                    keys = effective_values(own, file.defaults, known, kind)
                     tools.append(self._edited(list_key, own, keys, attached))
             return tuple(tools)
 
@@ -183,7 +183,7 @@ class Session(Edits):
         """The values that a tool's own keys would have if they were unset; required keys without defaults have none."""
         own = {key: tool.keys[key].value for key in tool.own}
         defaults = self._base.file.of_list(tool.list_key).defaults
-        return inherited_values(own, defaults, self.presets, KINDS[tool.list_key].record)
+        return inherited_values(own, defaults, self.presets, KINDS[tool.list_key])
 
     # Edits.
 
@@ -276,7 +276,7 @@ class Session(Edits):
             file, name = self._base.file.of_list(proposal.list_key), proposal.name
             if identifier(name) in self._taken_names():
                 name = self._new_name(name)
-            values = with_axes(KINDS[proposal.list_key].record, proposal.values, file.up) | {"name": name}
+            values = with_axes(KINDS[proposal.list_key], proposal.values, file.up) | {"name": name}
             if file.defaults.get("mirror") not in (None, "none"):
                 values.setdefault("mirror", "none")
             self._become(without_empty_list(file.with_tool(values).of_list("tools")), f"accept {name}")
@@ -490,8 +490,8 @@ class Session(Edits):
         read = read_values({"version": 1, **values}, name=self.path, known=self.presets)
         with guarded(self.asset):
             tried, *_ = read.effects
-            lists: dict[str, Any] = {"tools": (), tried.sections[0]: (tried,)}
-            attached = loaded.attach(replace(settings, up=read.up, **lists))
+            others = [each for each in settings.effects if each.section not in ("tools", tried.section)]
+            attached = loaded.attach(replace(settings, up=read.up, effects=(*others, tried)))
             return raised_tool(attached, tried.name, loaded.cache, (*loaded.clips, *posed))
 
     def _measured_mesh(self, mesh: PlayableMesh) -> ToolGuesser:

@@ -16,6 +16,7 @@ from wrinklecli.files.outputs import Outputs
 from wrinklecli.tools.files_beside import load_text
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import ToolsFile
+from wrinklecli.tools.schema import KINDS
 from wrinklecli.tools.yaml_edit import ToolsText, written_lines
 
 _NEW_FILE = "version: 1\ntools: []\n"
@@ -129,7 +130,7 @@ class Store:
     def _merged(self, base: ToolsText, mine: ToolsText, theirs: ToolsText) -> ToolsText:
         """Apply the changes from `base` to `mine` to `theirs`."""
         merged, problems = theirs, list[WrinkleError]()
-        for key in ToolsFile.LISTS:
+        for key in KINDS:
             base, mine, theirs, merged = (each.of_list(key) for each in (base, mine, theirs, merged))
             for name in dict.fromkeys([*names_of(base), *names_of(mine)]):
                 before, here, there = (_lines(each, name) for each in (base, mine, theirs))
@@ -160,13 +161,13 @@ def names_of(file: ToolsText) -> list[str]:
 
 def without_empty_list(file: ToolsText) -> ToolsText:
     """The file without its list if that is empty; a file without any effect keeps an empty list of tools."""
-    others = any(file.of_list(key).tools for key in ToolsFile.LISTS if key != file.key)
+    others = any(file.of_list(key).tools for key in KINDS if key != file.key)
     return file.without_empty() if others or file.key != "tools" else file
 
 
 def _header(file: ToolsText) -> dict[str, Any]:
     """The keys of a file without its lists of effects."""
-    return {key: value for key, value in file.header.items() if key not in ToolsFile.LISTS}
+    return {key: value for key, value in file.header.items() if key not in KINDS}
 
 
 def _lines(file: ToolsText, name: str) -> list[str] | None:

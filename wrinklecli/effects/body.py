@@ -22,7 +22,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints, are_nonzero, nonzero_rows
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.tools.records import EffectTool, ToolsFile
+from wrinklecli.tools.records import EffectTool
 
 # Vertices of each target by whose moves the largest move in a frame is found.
 _LARGEST = 8
@@ -67,8 +67,7 @@ class BodyWords(ABC, Generic[AttachedType]):
 
     def summary(self, effects: int, targets: int) -> str:
         """Count the effects of its kind, and their targets."""
-        names = ToolsFile.LISTS[self.attached.tool.sections[0]]
-        return f"{counted(effects, *names)} in {counted(targets, 'morph target')}"
+        return f"{counted(effects, *self.attached.tool.words)} in {counted(targets, 'morph target')}"
 
     def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """Its place, its own values, and its targets."""

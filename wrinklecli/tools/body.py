@@ -13,6 +13,7 @@ from wrinklecli.tools.json_schema import (
     LENGTH,
     LENGTHS,
     TEXT,
+    Schema,
     any_keys,
     expects,
     if_mapping,
@@ -128,6 +129,9 @@ class Muscle(EffectTool):
     """
 
     section: ClassVar[str] = "muscles"
+    words: ClassVar[tuple[str, str]] = ("muscle", "muscles")
+    meaning: ClassVar[str] = "Muscles below the skin, which thicken as they shorten."
+    point_keys: ClassVar[tuple[str, ...]] = ("origin", "insertion")
 
     origin: Point = key(
         END,
@@ -196,6 +200,9 @@ class Muscle(EffectTool):
         return [(name, ("activation", "keys", name)) for name in keyed]
 
 
+_BALL: Schema = {"required": ["at", "radius"]}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flesh(EffectTool):
     """One region of flesh; mirrored ones are regions of their own.
@@ -208,6 +215,15 @@ class Flesh(EffectTool):
     """
 
     section: ClassVar[str] = "flesh"
+    words: ClassVar[tuple[str, str]] = ("region of flesh", "regions of flesh")
+    meaning: ClassVar[str] = "Regions of flesh, which swing after the joint that carries them."
+    point_keys: ClassVar[tuple[str, ...]] = ("at",)
+    # A region is a ball, or what a mask or a joint outlines.
+    keywords: ClassVar[Schema] = {
+        "if": {"anyOf": [{"required": ["at"]}, {"required": ["radius"]}]},
+        "then": _BALL,
+        "else": {"if": {"not": {"anyOf": [{"required": ["mask"]}, {"required": ["joint"]}]}}, "then": _BALL},
+    }
 
     at: Position | Marker | None = key(
         ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
@@ -387,6 +403,14 @@ class Touch(EffectTool):
     """
 
     section: ClassVar[str] = "touches"
+    words: ClassVar[tuple[str, str]] = ("touch", "touches")
+    meaning: ClassVar[str] = "Places where a tip slides the skin, which wrinkles in front of it."
+    point_keys: ClassVar[tuple[str, ...]] = ("at", "towards")
+    # Forward is along a path, and keys slide one place.
+    keywords: ClassVar[Schema] = {
+        "if": {"required": ["along"]},
+        "then": {"properties": dict.fromkeys(("towards", "keys"), expects("none beside along", **{"not": {}}))},
+    }
 
     at: Position | Marker = key(
         ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",

@@ -58,6 +58,8 @@ class Field(EffectTool):
     """
 
     section: ClassVar[str] = "fields"
+    words: ClassVar[tuple[str, str]] = ("field", "fields")
+    meaning: ClassVar[str] = "Fields of wrinkles over whole garments, where these are compressed."
 
     node: str | None = key(
         {

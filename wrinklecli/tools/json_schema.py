@@ -167,9 +167,9 @@ def defaults_of(record: type) -> dict[str, Any]:
 
 
 def schema_of(record: type) -> Schema:
-    """A mapping of a record's keys; keys without a default are required."""
-    keys = keys_of(record)
-    return mapping_of(keys, required=tuple(name for name, schema in keys.items() if "default" not in schema))
+    """A mapping of a record's keys; those of fields without a default are required."""
+    required = (each for each in _fields(record) if each.default is MISSING and each.default_factory is MISSING)
+    return mapping_of(keys_of(record), required=tuple(each.metadata["name"] or each.name for each in required))
 
 
 def read_record(record: type[_Record], values: Mapping[str, Any]) -> _Record:

@@ -20,6 +20,7 @@ from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, presets, presets_of
 from wrinklecli.tools.mirror import mirrored
 from wrinklecli.tools.records import (
+    EffectTool,
     MaskImage,
     Point,
     Position,
@@ -28,12 +29,12 @@ from wrinklecli.tools.records import (
     moved_point,
     with_points,
 )
-from wrinklecli.tools.schema import KINDS, PRESETS_SCHEMA, TOOLS_SCHEMA, Kind
+from wrinklecli.tools.schema import ITEMS, KINDS, PRESETS_SCHEMA, TOOLS_SCHEMA
 from wrinklecli.tools.yaml_tree import Node, Problem, path_to, printable, read_tree, tree_of, without_tagged
 
 Keys: TypeAlias = tuple[str, ...]
 
-_FORMAT = Format(TOOLS_SCHEMA, [kind.items for kind in KINDS.values()])
+_FORMAT = Format(TOOLS_SCHEMA, [*ITEMS.values()])
 _PRESETS = Format(PRESETS_SCHEMA, [])
 
 # Keys that merged files must share. `up` is not among them: positions are Y-up once they are read.
@@ -115,15 +116,14 @@ def _effects(
     if node is None or not isinstance(node.value, list):
         return [], []  # the schema has not looked into what stands there
     kind = KINDS[key]
-    record = kind.record
     problems: list[Problem] = []
     given: list[_Effect] = []
     for i, child in node.children.items():
-        values, odd = _read(root, (key, i), record, wrong)
+        values, odd = _read(root, (key, i), kind, wrong)
         effect = _Effect({**defaults, **values}, path_to(key, i), child)
         given.append(effect)
         problems += [*odd, *_problems_of(effect, kind, owners)]
-        if "material" in kind.items.inherited and known is not None and not {(key, i), ("defaults",)} & wrong:
+        if "material" in ITEMS[key].inherited and known is not None and not {(key, i), ("defaults",)} & wrong:
             problems += _problems_of_material(effect, known)
         if "name" in effect.values:
             owners.setdefault(identifier(effect.values["name"]), effect.path)
@@ -133,15 +133,15 @@ def _effects(
         axis = effect.values.get("mirror")
         if axis in (None, "none") or "name" not in effect.values:
             continue
-        values = mirrored(record, effect.values, axis)
+        values = mirrored(kind, effect.values, axis)
         path = f"{effect.path} (mirrored as {printable(values['name'])})"
         effects.append(_Effect({**values, "mirrored": True}, path, effect.node))
         problems += _problems_of_mirrored(effect, values, kind, owners)
-        owners.setdefault(identifier(values["name"]), f"the {kind.items.item} mirrored from {effect.path}")
+        owners.setdefault(identifier(values["name"]), f"the {kind.words[0]} mirrored from {effect.path}")
     return effects, problems
 
 
-def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterator[Problem]:
+def _problems_of(tool: _Effect, kind: type[EffectTool], owners: Mapping[str, str]) -> Iterator[Problem]:
     """The problems of an effect with its points, and with the names of the effects before it."""
     values, parts = tool.values, tool.node.children
     if "name" in values and (owner := owners.get(identifier(values["name"]))) is not None:
@@ -151,7 +151,7 @@ def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterat
             " letters, digits, _"
         )
         yield Problem(parts["name"].line, f"{tool.path}.name", message)
-    for first, second in pairwise(kind.points):
+    for first, second in pairwise(kind.point_keys):
         if first in values and values[first] == values.get(second):
             message = f"same as {first}, expected another point"
             yield Problem(parts[second].line, f"{tool.path}.{second}", message)
@@ -165,10 +165,10 @@ def _problems_of(tool: _Effect, kind: Kind, owners: Mapping[str, str]) -> Iterat
 
 
 def _problems_of_mirrored(
-    tool: _Effect, other: Mapping[str, Any], kind: Kind, owners: Mapping[str, str]
+    tool: _Effect, other: Mapping[str, Any], kind: type[EffectTool], owners: Mapping[str, str]
 ) -> Iterator[Problem]:
     """The problems of the effect that is mirrored from another one."""
-    name, item = tool.node.children["name"], kind.items.item
+    name, item = tool.node.children["name"], kind.words[0]
     if other["name"] == tool.values["name"]:
         message = f"found {name.shown}, expected a side to exchange for mirror, such as brow.L or left_brow"
     elif (taken := identifier(other["name"])) in owners:
@@ -180,11 +180,11 @@ def _problems_of_mirrored(
     yield Problem(name.line, f"{tool.path}.name", message)
 
 
-def _points(values: Mapping[str, Any], kind: Kind) -> set[Point | None]:
-    return {*values["path"]} if "path" in values else {values.get(name) for name in kind.points}
+def _points(values: Mapping[str, Any], kind: type[EffectTool]) -> set[Point | None]:
+    return {*values["path"]} if "path" in values else {values.get(name) for name in kind.point_keys}
 
 
-def _place(values: Mapping[str, Any], kind: Kind) -> Any:
+def _place(values: Mapping[str, Any], kind: type[EffectTool]) -> Any:
     """What says where an effect is: its points, or for want of such its mesh and its joints."""
     return _points(values, kind) or [values.get(key) for key in ("node", "joints")]
 
@@ -201,22 +201,22 @@ def _problems_of_material(effect: _Effect, known: Mapping[str, Preset]) -> Itera
 
 
 def _record(
-    kind: Kind,
+    kind: type[EffectTool],
     effect: _Effect,
     up: str,
     known: Mapping[str, Preset],
     inherited: Mapping[Keys, str],
     name: str,
-) -> Any:
+) -> EffectTool:
     """The record of an effect without problems, with the places of its own and its inherited values."""
     shown_name, folder = printable(name, len(name)), os.path.dirname(name)
-    values = with_points(kind.record, effect.values, lambda point: moved_point(point, _Y_UP[up]))
-    fields = kind.record.fields_of(values, known)
+    values = with_points(kind, effect.values, lambda point: moved_point(point, _Y_UP[up]))
+    fields = kind.fields_of(values, known)
     images = {key: replace(value, folder=folder) for key, value in fields.items() if isinstance(value, MaskImage)}
     places = {keys: place for keys, place in inherited.items() if keys[0] not in effect.node.children}
     places |= _places(effect.node, effect.path, shown_name)
     where = f"{shown_name}:{effect.node.line}: {effect.path}"
-    return kind.record(**{**fields, **images}, where=where, places=places)
+    return kind(**{**fields, **images}, where=where, places=places)
 
 
 def _places(node: Node, path: str, shown_name: str) -> dict[Keys, str]:
@@ -348,8 +348,8 @@ def _parsed(
         if known is None and ("presets" in header or "presets" not in root.children):
             known = {**presets(), **header.get("presets", {})}
         for key, kind in KINDS.items():
-            inherits = "defaults" in root.children and kind.items.inherited
-            defaults, odd = _read(root, ("defaults",), kind.record, wrong) if inherits else ({}, [])
+            inherits = "defaults" in root.children and ITEMS[key].inherited
+            defaults, odd = _read(root, ("defaults",), kind, wrong) if inherits else ({}, [])
             effects[key], odd_effects = _effects(root, key, defaults, known, wrong, owners)
             problems += [*odd, *odd_effects]
     _raise_all(problems, name, others)
@@ -359,13 +359,8 @@ def _parsed(
     places = _places(replace(root, children=head), "", shown_name)
     inherited = {keys[1:]: place for keys, place in places.items() if keys[0] == "defaults" and keys[1:]}
     up = header.get("up", "y")
-    lists: dict[str, Any] = {
-        key: tuple(
-            record for effect in effects[key] if (record := _record(kind, effect, up, known, inherited, name)).enabled
-        )
-        for key, kind in KINDS.items()
-    }
-    return ToolsFile(path=name, **header, **lists, places=places)
+    records = [_record(KINDS[key], each, up, known, inherited, name) for key, own in effects.items() for each in own]
+    return ToolsFile(path=name, **header, effects=tuple(each for each in records if each.enabled), places=places)
 
 
 def load_tools(path: str | os.PathLike[str], *, external: bool = False) -> ToolsFile:
@@ -404,11 +399,11 @@ def load_merged(paths: Sequence[str | os.PathLike[str]], *, external: bool = Fal
     for each in others:
         problems += _differences(merged, each)
         said = {key: getattr(each, key) for key in _SHARED if (key,) in each.places}
-        lists: dict[str, Any] = {key: (*getattr(merged, key), *getattr(each, key)) for key in ToolsFile.LISTS}
+        effects = sorted((*merged.effects, *each.effects), key=lambda effect: [*KINDS].index(effect.section))
         merged = replace(
             merged,
             **said,
-            **lists,
+            effects=tuple(effects),
             places={**merged.places, **{keys: place for keys, place in each.places.items() if keys[0] in said}},
             merged_paths=(*merged.merged_paths, each.path),
             preset_files=(*merged.preset_files, *each.preset_files),

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias, get_args
 
 from wrinklecli.choices import (
     CHANNELS,
+    EFFECTS,
     FPS,
     PARTS,
     PROFILES,
@@ -403,7 +404,20 @@ class EffectTool:
         mirrored: True if `mirror` made it.
         where: Its place in the file for later errors, such as `tools.yaml:12: tools[0]`.
         places: The places of its keys, such as those of `rest_length.morph`; see `place`.
+        section: The key of the file's list, and of those in extras and report.
+        words: What messages call one and many.
+        meaning: What the list means, for editors.
+        point_keys: The keys of its points, of which no two are equal.
+        own_keys: Keys that do not inherit from the `defaults` of the file; None if none does.
+        keywords: Further keywords of the schema of one.
     """
+
+    section: ClassVar[str]
+    words: ClassVar[tuple[str, str]]
+    meaning: ClassVar[str]
+    point_keys: ClassVar[tuple[str, ...]] = ()
+    own_keys: ClassVar[tuple[str, ...] | None] = None
+    keywords: ClassVar[Schema] = {}
 
     name: str = key(
         TEXT, "Unique name, also after _ has replaced all characters but letters, digits and _.", group="Place"
@@ -423,8 +437,6 @@ class EffectTool:
     optional: bool = key(FLAG, "true: an absent node or clip is a note, not an error. Default false.", False)
     where: str = ""
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
-
-    section: ClassVar[str]
 
     @classmethod
     def fields_of(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> dict[str, Any]:
@@ -489,6 +501,18 @@ class WrinkleTool(EffectTool):
     """
 
     section: ClassVar[str] = "tools"
+    words: ClassVar[tuple[str, str]] = ("tool", "tools")
+    meaning: ClassVar[str] = "The wrinkling tools."
+    point_keys: ClassVar[tuple[str, ...]] = ("origin", "target")
+    own_keys: ClassVar[tuple[str, ...]] = ("name", "origin", "target", "path")
+    keywords: ClassVar[Schema] = {
+        "required": ["name"],
+        "if": {"required": ["path"]},
+        "then": {
+            "properties": dict.fromkeys(point_keys, expects("path alone, or origin and target", **{"not": {}})),
+        },
+        "else": {"required": ["origin", "target"]},
+    }
 
     origin: Position | Marker = key(
         ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
@@ -766,7 +790,7 @@ class ToolsFile:
     Attributes:
         path: The file as the user typed it.
         up: The up axis of the file; positions here are Y-up already.
-        tools: The enabled tools in the file's order, a mirrored one behind its source; other lists are alike.
+        effects: The enabled effects, list by list in the file's order, a mirrored one behind its source.
         places: Places of the other keys of the file, such as those of `rest.clip`, for later errors.
         merged_paths: Further files that are merged into this one.
         preset_files: Files of presets that these name.
@@ -814,33 +838,21 @@ class ToolsFile:
         read=lambda value: presets_of(value, presets()) if isinstance(value, dict) else {},
         hashed=False,
     )
-    tools: tuple[WrinkleTool, ...] = ()
-    muscles: tuple[EffectTool, ...] = ()
-    flesh: tuple[EffectTool, ...] = ()
-    touches: tuple[EffectTool, ...] = ()
-    fields: tuple[EffectTool, ...] = ()
+    effects: tuple[EffectTool, ...] = ()
     places: Mapping[tuple[str, ...], str] = field(default_factory=dict, hash=False, compare=False)
     merged_paths: tuple[str, ...] = ()
     preset_files: tuple[str, ...] = ()
 
-    LISTS: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "tools": ("tool", "tools"),
-        "muscles": ("muscle", "muscles"),
-        "flesh": ("region of flesh", "regions of flesh"),
-        "touches": ("touch", "touches"),
-        "fields": ("field", "fields"),
-    }
-    """The fields that are lists of effects, one for each kind, with the words for one and for many."""
+    @property
+    def tools(self) -> tuple[WrinkleTool, ...]:
+        """The wrinkling tools."""
+        return tuple(each for each in self.effects if isinstance(each, WrinkleTool))
 
     @property
     def on_skin(self) -> tuple[EffectTool, ...]:
         """Tools and fields, which move the skin; all others move the body below it."""
-        return (*self.tools, *self.fields)
-
-    @property
-    def effects(self) -> tuple[EffectTool, ...]:
-        """The enabled effects of all kinds."""
-        return tuple(each for name in self.LISTS for each in getattr(self, name))
+        order = [*EFFECTS]
+        return tuple(each for each in self.effects if order.index(each.section) >= order.index("tools"))
 
     @property
     def files_beside(self) -> tuple[str, ...]:
@@ -851,10 +863,7 @@ class ToolsFile:
 
     def only(self, names: Collection[str]) -> "ToolsFile":
         """The file with the effects of some names alone."""
-        lists: dict[str, Any] = {
-            key: tuple(each for each in getattr(self, key) if each.name in names) for key in self.LISTS
-        }
-        return replace(self, **lists)
+        return replace(self, effects=tuple(each for each in self.effects if each.name in names))
 
     def place(self, *keys: str) -> str:
         """The place of a key beside the tools, for later errors, such as `tools.yaml:4: rest.clip`."""

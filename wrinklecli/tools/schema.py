@@ -3,115 +3,51 @@
 Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, for which the schema has no words.
 """
 
-from typing import Any
+from importlib import import_module
 
-from wrinklecli.frozen import dataclass
-from wrinklecli.tools.body import Flesh, Muscle, Touch
-from wrinklecli.tools.fields import Field
-from wrinklecli.tools.json_schema import Items, Schema, any_keys, expects, key_of, keys_of, list_of, mapping_of
+from wrinklecli.choices import EFFECTS
+from wrinklecli.tools.json_schema import Items, Schema, any_keys, key_of, keys_of, list_of, mapping_of, schema_of
 from wrinklecli.tools.materials import presets
-from wrinklecli.tools.records import PRESET_KEYS, ToolsFile, WrinkleTool
+from wrinklecli.tools.records import PRESET_KEYS, EffectTool, ToolsFile, WrinkleTool
 
 MAX_TOOLS = 1_000
-OWN_KEYS = ("name", "origin", "target", "path")  # of each tool; no defaults
 TOOL_KEYS = keys_of(WrinkleTool)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Kind:
-    """A kind of effects, which a list of the file holds.
-
-    Attributes:
-        items: Its keys.
-        record: Record of one effect; `fields_of` gives its fields from the keys.
-        schema: Schema of one effect.
-        description: What the list means, for editors.
-        points: The keys of an effect's points, of which no two are equal.
-    """
-
-    items: Items
-    record: type[Any]
-    schema: Schema
-    description: str
-    points: tuple[str, ...]
+def _record(path: str) -> type[EffectTool]:
+    module, _, name = path.rpartition(".")
+    record: type[EffectTool] = getattr(import_module(f"wrinklecli.{module}"), name)
+    return record
 
 
-def _alone(
-    record: type[Any], item: str, required: tuple[str, ...], description: str, points: tuple[str, ...], **more: Schema
-) -> Kind:
-    """A kind whose effects inherit nothing; `required` are keys besides the name, `more` are keywords of the schema."""
-    keys = keys_of(record)
-    schema = {**mapping_of(keys, required=("name", *required)), **more}
-    description = f"{description} They inherit nothing from `defaults`."
-    return Kind(Items(item, keys, tuple(keys)), record, schema, description, points)
-
-
-_BALL: Schema = {"required": ["at", "radius"]}
-_NONE_BESIDE_PATH: Schema = {
-    "properties": dict.fromkeys(("towards", "keys"), expects("none beside along", **{"not": {}}))
-}
 KINDS = {
-    "tools": Kind(
-        Items("tool", TOOL_KEYS, OWN_KEYS),
-        WrinkleTool,
-        {
-            **mapping_of(TOOL_KEYS, required=("name",)),
-            "if": {"required": ["path"]},
-            "then": {
-                "properties": dict.fromkeys(
-                    ("origin", "target"), expects("path alone, or origin and target", **{"not": {}})
-                )
-            },
-            "else": {"required": ["origin", "target"]},
-        },
-        "The wrinkling tools.",
-        ("origin", "target"),
-    ),
-    "muscles": _alone(
-        Muscle,
-        "muscle",
-        ("origin", "insertion"),
-        "Muscles below the skin, which thicken as they shorten.",
-        ("origin", "insertion"),
-    ),
-    "flesh": _alone(
-        Flesh,
-        "region",
-        (),
-        "Regions of flesh, which swing after the joint that carries them.",
-        ("at",),
-        # A region is a ball, or what a mask or a joint outlines.
-        **{
-            "if": {"anyOf": [{"required": ["at"]}, {"required": ["radius"]}]},
-            "then": _BALL,
-            "else": {"if": {"not": {"anyOf": [{"required": ["mask"]}, {"required": ["joint"]}]}}, "then": _BALL},
-        },
-    ),
-    "touches": _alone(
-        Touch,
-        "touch",
-        ("at", "pad"),
-        "Places where a tip slides the skin, which wrinkles in front of it.",
-        ("at", "towards"),
-        # Forward is along a path, and keys slide one place.
-        **{"if": {"required": ["along"]}, "then": _NONE_BESIDE_PATH},
-    ),
-    "fields": _alone(Field, "field", (), "Fields of wrinkles over whole garments, where these are compressed.", ()),
+    section: _record(path)
+    for section, (_, path) in sorted(EFFECTS.items(), key=lambda each: each[0] != "tools")
+    if path is not None
 }
-"""The kinds of effects by the keys of their lists. A new kind is an entry, a record, and a field of `ToolsFile`."""
+"""The records of effects by the keys of their lists, tools first."""
 
-POINT_KEYS = tuple(dict.fromkeys(key for kind in KINDS.values() for key in kind.points))
+ITEMS = {
+    section: Items(kind.words[0], keys := keys_of(kind), tuple(keys) if kind.own_keys is None else kind.own_keys)
+    for section, kind in KINDS.items()
+}
+"""The items of the lists of effects."""
+
+POINT_KEYS = tuple(dict.fromkeys(key for kind in KINDS.values() for key in kind.point_keys))
 """The keys of points of effects of any kind."""
 
-_INHERITED = mapping_of({name: each for kind in KINDS.values() for name, each in kind.items.inherited.items()})
+_INHERITED = mapping_of({name: each for items in ITEMS.values() for name, each in items.inherited.items()})
 _LISTS = {
-    name: key_of(
+    section: key_of(
         list_of(
-            kind.schema, 1, MAX_TOOLS, f"a list of 1 to {MAX_TOOLS:,} {ToolsFile.LISTS[name][1]}, each begun by a dash"
+            {**schema_of(kind), **kind.keywords},
+            1,
+            MAX_TOOLS,
+            f"a list of 1 to {MAX_TOOLS:,} {kind.words[1]}, each begun by a dash",
         ),
-        kind.description,
+        kind.meaning + ("" if ITEMS[section].inherited else " They inherit nothing from `defaults`."),
     )
-    for name, kind in KINDS.items()
+    for section, kind in KINDS.items()
 }
 
 # Materials that give no width, with which a tool needs its own.

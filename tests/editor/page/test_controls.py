@@ -12,7 +12,7 @@ from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.tools.effective import EffectiveValue, effective_values
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.materials import presets
-from wrinklecli.tools.schema import KINDS
+from wrinklecli.tools.schema import ITEMS
 
 OWN = {"name": "a", "origin": [0, 0, 0], "target": [1, 0, 0], "width": "80%"}
 
@@ -100,10 +100,10 @@ def test_a_field_shows_what_its_material_gives_and_a_list_as_one_by_hand() -> No
     assert "clips" not in gui.others
 
 
-@pytest.mark.parametrize("list_key", KINDS)
+@pytest.mark.parametrize("list_key", ITEMS)
 def test_tabs_are_the_groups_of_the_keys_in_their_order(list_key: str) -> None:
     gui, _ = controls(list_key)
-    groups = {each["group"] for each in KINDS[list_key].items.keys.values()}
+    groups = {each["group"] for each in ITEMS[list_key].keys.values()}
     assert gui.tabs == [*(group for group in GROUPS if group in groups), *["Clips"] * (list_key in ("tools", "fields"))]
 
 

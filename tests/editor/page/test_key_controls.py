@@ -5,9 +5,9 @@ from jsonschema import Draft202012Validator
 
 from wrinklecli.choices import GROUPS
 from wrinklecli.editor.page.key_controls import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
-from wrinklecli.tools.schema import KINDS
+from wrinklecli.tools.schema import ITEMS
 
-EVERY = {list_key: {control.key: control for control in key_controls(list_key)} for list_key in KINDS}
+EVERY = {list_key: {control.key: control for control in key_controls(list_key)} for list_key in ITEMS}
 CONTROLS = EVERY["tools"]
 PLAIN = [
     (list_key, control)
@@ -17,9 +17,9 @@ PLAIN = [
 ]
 
 
-@pytest.mark.parametrize("list_key", KINDS)
+@pytest.mark.parametrize("list_key", ITEMS)
 def test_every_key_has_a_control_or_is_set_elsewhere(list_key: str) -> None:
-    keys, controls = KINDS[list_key].items.keys, EVERY[list_key]
+    keys, controls = ITEMS[list_key].keys, EVERY[list_key]
     assert {*controls, *ELSEWHERE[list_key]} == set(keys)
     assert all(control.tip == keys[key]["description"] for key, control in controls.items())
 
@@ -27,7 +27,7 @@ def test_every_key_has_a_control_or_is_set_elsewhere(list_key: str) -> None:
 @pytest.mark.parametrize(("list_key", "control"), PLAIN, ids=lambda each: getattr(each, "key", each))
 def test_what_a_control_offers_is_valid(list_key: str, control: KeyControl) -> None:
     written = [as_written(control, value, before, 0.2) for value in offered(control) for before in (None, 0.1, "80%")]
-    validator = Draft202012Validator(KINDS[list_key].items.keys[control.key])
+    validator = Draft202012Validator(ITEMS[list_key].keys[control.key])
     assert [value for value in written if not validator.is_valid(value)] == []
 
 
@@ -60,16 +60,16 @@ def test_a_length_stays_what_it_was_written_as() -> None:
     assert percent_of(0.1, 0.2) == percent_of("50%", 0.2) == 50.0
 
 
-@pytest.mark.parametrize("list_key", KINDS)
+@pytest.mark.parametrize("list_key", ITEMS)
 def test_controls_stand_in_the_order_of_groups_and_of_the_table(list_key: str) -> None:
-    keys, controls = [*KINDS[list_key].items.keys], [*EVERY[list_key].values()]
+    keys, controls = [*ITEMS[list_key].keys], [*EVERY[list_key].values()]
     order = [(GROUPS.index(control.group), keys.index(control.key)) for control in controls]
     assert order == sorted(order)
 
 
 def test_a_slider_ends_where_values_are_usual_and_not_where_they_are_refused() -> None:
     strength, (frequency, _) = CONTROLS["strength"], CONTROLS["lag"].parts
-    keys = KINDS["tools"].items.keys
+    keys = ITEMS["tools"].keys
     assert keys["strength"]["minimum"] < strength.low < 0 < strength.high < keys["strength"]["maximum"]
     assert frequency.slides
     assert frequency.high < keys["lag"]["then"]["properties"]["frequency"]["maximum"]

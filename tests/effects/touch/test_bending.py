@@ -40,7 +40,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
     clips, (node, *_) = read_clips(document), deforming_nodes(document)
     settings = read_values({"version": 1, "touches": [spot]}, name="tools", known={})
     ground = read_ground(document, node, [], settings, clips)
-    (dragged,) = attach_touches(settings.touches, ground, settings)
+    (dragged,) = attach_touches(settings.effects, ground, settings)
     fine = refine(
         ground.surface,
         ground.rest,

@@ -11,7 +11,8 @@ from wrinklecli.choices import GROUPS
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import significant
 from wrinklecli.tools.json_schema import Schema
-from wrinklecli.tools.schema import KINDS, OWN_KEYS
+from wrinklecli.tools.records import WrinkleTool
+from wrinklecli.tools.schema import ITEMS
 
 Kind = Literal["choice", "flag", "whole", "number", "percent", "length", "list", "record", "text", "json"]
 
@@ -19,8 +20,8 @@ _STEP = 0.01  # step of a number that is typed; smaller changes are not visible
 NONE = "none"
 # Keys that are set by the mouse on the mesh, by buttons, or clip by clip.
 ELSEWHERE: Mapping[str, Sequence[str]] = {
-    **{name: tuple({"name", "enabled", "clips"} & kind.items.keys.keys()) for name, kind in KINDS.items()},
-    "tools": (*OWN_KEYS, "enabled", "clips"),
+    **{name: tuple({"name", "enabled", "clips"} & items.keys.keys()) for name, items in ITEMS.items()},
+    "tools": (*WrinkleTool.own_keys, "enabled", "clips"),
 }
 
 
@@ -63,7 +64,7 @@ class KeyControl:
 
 def key_controls(list_key: str = "tools") -> tuple[KeyControl, ...]:
     """Make the controls of all keys that have one, of the effects of a list, in the order of their groups."""
-    keys = KINDS[list_key].items.keys
+    keys = ITEMS[list_key].keys
     shown = [key for key in keys if key not in ELSEWHERE[list_key]]
     return tuple(_control(key, keys[key]) for key in sorted(shown, key=lambda key: GROUPS.index(keys[key]["group"])))
 

@@ -43,7 +43,6 @@ from wrinklecli.editor.page.widgets import (
 from wrinklecli.editor.page.work_queue import WorkQueue
 from wrinklecli.editor.session import EditedTool, Session
 from wrinklecli.errors import WrinkleError, counted
-from wrinklecli.tools.records import ToolsFile
 from wrinklecli.tools.schema import KINDS
 from wrinklecli.tools.yaml_edit import Steps
 
@@ -203,7 +202,7 @@ class Page:
             self._materials = MaterialPanel(self, self._viewport)
             self._brush = MaskBrush(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
-            self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in ToolsFile.LISTS}
+            self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in KINDS}
             self._charts = Charts(gui)
         heard = {
             "reset": self._unset,
@@ -342,7 +341,7 @@ class Page:
     def _row_of(self, number: int, tool: EditedTool) -> str:
         """HTML of a tool's row: its colour in the view, its name with notes, and a switch."""
         notes = [
-            "" if tool.list_key == "tools" else KINDS[tool.list_key].items.item,
+            "" if tool.list_key == "tools" else KINDS[tool.list_key].words[0],
             "solo" if tool.solo else "",
             f"and {tool.partner}" if tool.partner else "",
             "does not fit" if tool.problem else "warnings" if self._warnings.get(tool.name) else "",
@@ -531,6 +530,4 @@ class Page:
 def _counts(tools: Sequence[EditedTool]) -> str:
     """Count the effects of each list that has any."""
     keys = [tool.list_key for tool in tools]
-    return ", ".join(
-        counted(keys.count(key), kind.items.item) for key, kind in KINDS.items() if key in (keys or ["tools"])
-    )
+    return ", ".join(counted(keys.count(key), *kind.words) for key, kind in KINDS.items() if key in (keys or ["tools"]))

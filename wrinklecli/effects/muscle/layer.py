@@ -54,7 +54,8 @@ class MuscleKind(EffectKind[Muscle, AttachedMuscle]):
             WrinkleError: Muscles do not fit, a line for each.
         """
         names = MeshNames.of(ground.document)
-        swelling = {ground.rig.names[node] for tool in settings.muscles for node in names.called(tool.node or "")}
+        muscles = [each for each in settings.effects if isinstance(each, Muscle)]
+        swelling = {ground.rig.names[node] for tool in muscles for node in names.called(tool.node or "")}
         return attach_muscles(tools, ground, swelling)
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedMuscle]]) -> MuscleLayer:

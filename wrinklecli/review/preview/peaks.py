@@ -28,7 +28,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, determinants, median
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.shown import ShownAsset, ShownPrimitive
-from wrinklecli.tools.records import ToolsFile, identifier
+from wrinklecli.tools.records import identifier
+from wrinklecli.tools.schema import KINDS
 
 TOOLS = "tools"
 """The list of tools files and extras with the tools that make wrinkles."""
@@ -177,7 +178,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
 def baked_tool_count(document: Document) -> int:
     """The number of tools, muscles and regions that were baked into an asset, by its extras."""
     entries = [entry for node in document.items("nodes") if isinstance(entry := wrinkle_entry(node), dict)]
-    lists = [entry.get(section) for entry in entries for section in ToolsFile.LISTS]
+    lists = [entry.get(section) for entry in entries for section in KINDS]
     return sum(len(each) for each in lists if isinstance(each, list))
 
 
@@ -218,7 +219,7 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
     """The list, the name, and the names of morph targets in these rigs, of each tool that was baked into a node."""
     there = {name for rig in rigs for name in rig.morph_names}
     entry = wrinkle_entry(asset.document.items("nodes")[node])
-    for section, tool in ((key, each) for key in ToolsFile.LISTS for each in entry.get(key, ())):
+    for section, tool in ((key, each) for key in KINDS for each in entry.get(key, ())):
         targets = [name for name in tool["targets"] if name in there]
         if targets:
             yield section, str(tool.get("name")), targets

@@ -30,7 +30,7 @@ from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large, rgb_bytes
 from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
 from wrinklecli.review.preview.sides import Side, best_light, best_moment, best_side, side_above
-from wrinklecli.tools.records import ToolsFile
+from wrinklecli.tools.schema import KINDS
 
 # The greatest number of tools on a sheet, which then has sixteen rows.
 MOST_REVIEWED = 48
@@ -168,7 +168,7 @@ def moments_and_views(after: ShownAsset, peak: Peak, options: PreviewOptions) ->
 
 def _counted(sections: Sequence[str]) -> str:
     """Count tools by their lists: `2 muscles, 1 touch`."""
-    return ", ".join(counted(sections.count(key), *words) for key, words in ToolsFile.LISTS.items() if key in sections)
+    return ", ".join(counted(sections.count(key), *kind.words) for key, kind in KINDS.items() if key in sections)
 
 
 def _left_out(missed: Sequence[Peak], peaks: Sequence[Peak]) -> list[str]:

@@ -287,7 +287,7 @@ def targets_of(targets: Sequence[FaceTarget], motions: Sequence[str], side: Side
 def read_skin(document: Document, rig: Rig) -> Gauge | None:
     """The triangles of a mesh that may wrinkle, unlike eyes, teeth and hair; None if there are none."""
     surface = read_surface(document, rig)
-    rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), (), [])
+    rest = rest_pose(surface, rig, ToolsFile(path=document.path), (), [])
     gauge = read_gauge(surface, rest, rig)
     makeup = read_makeup(document, rig, gauge)
     skin = np.zeros(len(gauge.triangles), bool)

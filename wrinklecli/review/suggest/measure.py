@@ -209,7 +209,7 @@ def _moved_mesh(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> _Moved
     surface = read_surface(document, rig)
     what = f"{len(surface.triangles):,} triangles to measure"
     document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
-    rest = rest_pose(surface, rig, ToolsFile(path=document.path, tools=()), clips, [])
+    rest = rest_pose(surface, rig, ToolsFile(path=document.path), clips, [])
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
     return _MovedMesh(read_gauge(surface, rest, rig), clips, None, flat)

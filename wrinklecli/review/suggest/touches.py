@@ -405,7 +405,7 @@ def _refinement_for(touches: Sequence[SuggestedTouch], document: Document) -> Re
     """The least levels of refinement with which rings have vertices enough."""
     usual = RefinementSettings()
     own = tuple(each.touch for each in touches)
-    settings = ToolsFile(path=document.path, touches=own, refinement=replace(usual, max_levels=_MOST_LEVELS))
+    settings = ToolsFile(path=document.path, effects=own, refinement=replace(usual, max_levels=_MOST_LEVELS))
     plans = plan_meshes(job_of(document, settings, BakeOptions(), Motions(range_of_motion=False)))
     levels = max(plan.fine.subdivision.levels for plan in plans)
     return replace(usual, max_levels=max(levels, usual.max_levels))

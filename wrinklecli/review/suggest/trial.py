@@ -72,7 +72,7 @@ class TriedAsset:
     def ground(self, node: int) -> Ground:
         """The mesh of a node at rest; suggested tools are laid out in the stored pose."""
         if node not in self._grounds:
-            settings = ToolsFile(path=self.document.path, tools=())
+            settings = ToolsFile(path=self.document.path)
             self._grounds[node] = read_ground(
                 self.document, node, [], settings, self.clips, neighbours=self._neighbours
             )
