@@ -3,13 +3,17 @@
 The player needs three.js (`npm ci --prefix tests/clients`) and the demo (`wrinkle demo`); without them there is none.
 """
 
+from __future__ import annotations
+
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files, InclusionLevel
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"\]\(([^)#\s]+)(#[^)\s]*)?\)")
@@ -42,7 +46,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
                 found = linked.relative_to(ROOT).as_posix()
                 wanted += [found] if found not in wanted else []
     if _plays():
-        _add_player(files, config)
+        for name, content in player(DEMO):
+            _add(files, config, name, content)
     _add(files, config, "schema.md", schema_page(json.loads((ROOT / "configs/schema.json").read_bytes())))
     return files
 
@@ -51,12 +56,12 @@ def _plays() -> bool:
     return DEMO.is_file() and THREE.is_dir()
 
 
-def _add_player(files: Files, config: MkDocsConfig) -> None:
-    """Add the page that plays a bake, with the demo, and the modules that it imports, directly or not."""
+def player(figure: Path) -> Iterator[tuple[str, bytes]]:
+    """The page that plays a bake, with a figure, and the modules that it imports, directly or not: names, contents."""
     page = (PLAYER / "index.html").read_text(encoding="utf-8")
     page = page.replace("./node_modules/three", "./three").replace("../out/trousers.glb", "figure.glb")
-    _add(files, config, "play/index.html", page)
-    _add(files, config, "play/figure.glb", DEMO.read_bytes())
+    yield "play/index.html", page.encode()
+    yield "play/figure.glb", figure.read_bytes()
     named = {"three": THREE / "build" / "three.module.js"}
     wanted = [PLAYER / "index.html"]
     for path in wanted:  # grows while modules are read
@@ -67,7 +72,7 @@ def _add_player(files: Files, config: MkDocsConfig) -> None:
                 wanted.append(found)
                 three = found.is_relative_to(THREE)
                 place = Path("three", found.relative_to(THREE)) if three else found.relative_to(PLAYER)
-                _add(files, config, f"play/{place.as_posix()}", found.read_bytes())
+                yield f"play/{place.as_posix()}", found.read_bytes()
 
 
 def _leaves(nav: Any) -> list[str]:
@@ -78,6 +83,8 @@ def _leaves(nav: Any) -> list[str]:
 
 
 def _add(files: Files, config: MkDocsConfig, name: str, content: str | bytes) -> None:
+    from mkdocs.structure.files import File, InclusionLevel
+
     if files.get_file_from_path(name) is None:
         file = File.generated(config, name, content=content)
         file.inclusion = InclusionLevel.INCLUDED  # by default what begins with a dot is left out

@@ -54,10 +54,14 @@ class Page:
 
     Args:
         connection: To its DevTools.
+
+    Attributes:
+        errors: What the console shows as errors, with requests that fail and exceptions.
     """
 
     def __init__(self, connection: Any) -> None:
         self._connection, self._sent, self._held, self._shift = connection, 0, False, False
+        self.errors: list[str] = []
 
     def call(self, method: str, **parameters: object) -> dict[str, Any]:
         """The answer of a method of the protocol."""
@@ -69,6 +73,17 @@ class Page:
                 assert "error" not in answer, (method, answer["error"])
                 result: dict[str, Any] = answer["result"]
                 return result
+            self._hear(answer)
+
+    def _hear(self, event: dict[str, Any]) -> None:
+        """Keep what an event says of an error."""
+        match event:
+            case {"method": "Runtime.exceptionThrown", "params": {"exceptionDetails": found}}:
+                self.errors.append(str(found.get("exception", found).get("description", found)))
+            case {"method": "Runtime.consoleAPICalled", "params": {"type": "error", "args": found}}:
+                self.errors.append(" ".join(str(each.get("value", each.get("description"))) for each in found))
+            case {"method": "Log.entryAdded", "params": {"entry": {"level": "error", "text": text, **more}}}:
+                self.errors.append(f"{text} {more.get('url', '')}")
 
     def value(self, expression: str) -> Any:
         """What a JavaScript expression is."""
@@ -247,7 +262,8 @@ def browsing(folder: Path, address: str, size: tuple[int, int] = (1280, 800), *,
             page.call(
                 "Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False
             )
-            page.call("Page.enable")  # else it evaluates no such script
+            for domain in ("Page", "Runtime", "Log"):  # else it evaluates no such script, and tells of no error
+                page.call(f"{domain}.enable")
             for script in (_SELDOM,) if drawn else (_SELDOM, _UNDRAWN):
                 page.call("Page.addScriptToEvaluateOnNewDocument", source=script)
             page.call("Page.navigate", url=address)

@@ -1,7 +1,9 @@
 """The sample driver: it gives clips that were never baked the weights that baking gives them."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 import numpy as np
@@ -512,6 +514,50 @@ def test_the_player_shows_before_and_after(tmp_path: Path) -> None:
         # Beside the middle, where pixels belong to both.
         np.testing.assert_array_equal(both[:, :399], plain[:, :399])
         np.testing.assert_array_equal(both[:, 401:], wrinkled[:, 401:])
+        assert page.errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_page_of_the_site_plays_each_clip_without_an_error(tmp_path: Path) -> None:
+    """The files are those that the site copies, and no others."""
+    for name, content in run_path(str(ROOT / ".github" / "site" / "hooks.py"))["player"](
+        bake_config("wrist", "wrist").path
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    clip = "document.forms[0].elements.clip"
+    with serving(tmp_path) as address, browsing(tmp_path, f"{address}/play/", (800, 480)) as page:
+        page.wait("window.frames_drawn > 2")
+        for number in range(page.value(f"{clip}.options.length")):
+            drawn = page.value(f"{clip}.value = {number}, {clip}.onchange(), window.frames_drawn")
+            shown = []
+            for count in (2, 8):  # frames are a tenth of a second apart
+                page.wait(f"window.frames_drawn > {drawn} + {count}")
+                page.screenshot(tmp_path / "page.png")
+                shown.append(np.asarray(Image.open(tmp_path / "page.png").convert("L"), np.float64))
+            assert (np.abs(shown[1] - shown[0]) > 12).mean() > 0.002
+        assert page.value("document.querySelector('output').value") == ""
+        assert page.errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_the_lines_of_readme_play_a_bake(tmp_path: Path) -> None:
+    served(tmp_path, wrinkled_glb=bake_config("wrist", "wrist").path)
+    (lines,) = re.findall(r"```js\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    three = (
+        '{"three": "./node_modules/three/build/three.module.js", "three/addons/": "./node_modules/three/examples/jsm/"}'
+    )
+    page = f'<link rel="icon" href="data:,"><script type="importmap">{{"imports": {three}}}</script>'
+    seen = "window.seen = () => [renderer.info.render.frame, ...scene.getObjectByName('wrist').morphTargetInfluences];"
+    (tmp_path / "lines.html").write_text(f'{page}<script type="module">{lines}{seen}</script>')
+    with serving(tmp_path) as address, browsing(tmp_path, f"{address}/lines.html") as page:
+        page.wait("window.seen && Math.max(...seen().slice(1)) > 0.5")
+        page.screenshot(tmp_path / "page.png")
+        shown = np.asarray(Image.open(tmp_path / "page.png").convert("L"), np.float64)
+        assert (shown != shown[0, 0]).mean() > 0.01
+        assert page.errors == []
 
 
 @pytest.mark.slow
