@@ -1,5 +1,6 @@
 """The pages for people: what they link to is there, and the map of the program names every room in its order."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -146,3 +147,35 @@ def test_the_script_draws_the_picture_of_a_key(tmp_path: Path) -> None:
     assert drawn.name == kept.name
     pair = [np.array(Image.open(each).convert("L"), float) for each in (drawn, kept)]
     assert np.abs(pair[0] - pair[1]).mean() < 1
+
+
+def keys_of_json(command: str) -> set[str]:
+    """The keys that configs/json.md gives for the object of a command, in the first column of its first table."""
+    text = (ROOT / "configs" / "json.md").read_text(encoding="utf-8")
+    table = (
+        text.partition(f"\n## {command}\n")[2].partition("\n## ")[0].partition("|---|---|\n")[2].partition("\n\n")[0]
+    )
+    return {key for row in table.splitlines() for key in re.findall(r"`(\w+)`", row.split("|")[1])}
+
+
+WRIST, TOOLS = "samples/wrist.glb", "configs/wrist.yaml"
+OF_COMMANDS = [
+    ("bake", ["bake", WRIST, TOOLS, "--draft", "--clip", "flex", "--tool", "palm_side", "-o", "OUT/out.glb"]),
+    ("check", ["check", WRIST, TOOLS, "--tool", "palm_side"]),
+    ("check --crossings", ["check", WRIST, "--crossings"]),
+    ("diff", ["diff", WRIST, WRIST]),
+    ("inspect", ["inspect", WRIST]),
+    ("preview", ["preview", WRIST, "-o", "OUT/out.png"]),
+    ("suggest", ["suggest", WRIST, "--count", "1"]),
+]
+SOMETIMES = {"muscles", "flesh", "touches", "fields", "contact", "engine", "maps"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "line"), OF_COMMANDS, ids=[command for command, _ in OF_COMMANDS])
+def test_the_page_lists_the_keys_that_a_command_prints(command: str, line: list[str], tmp_path: Path) -> None:
+    line = [each.replace("OUT", str(tmp_path)) for each in line]
+    done = run([sys.executable, "-m", "wrinklecli", *line, "--json"], cwd=ROOT, capture_output=True, check=True)
+    printed, listed = set(json.loads(done.stdout)), keys_of_json(command)
+    assert printed <= listed
+    assert listed - printed <= SOMETIMES

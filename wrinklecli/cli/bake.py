@@ -107,30 +107,11 @@ def bake(
 
     All files are written, or none: OUT is replaced last, and only by a complete file.
 
-    --report writes, and --json prints, {"report": 1, "method", "asset", "tools_file", "mode", "draft",
-    "tallest_wrinkle", "meshes", "tools", "clips", "notes", "warnings"}; "muscles", "flesh", "touches", "fields" and
-    "contact" where there are any, "engine" with --engine, and "maps" with --maps-dir. Within version 1, keys are only
-    added. Lengths are scene units, times are seconds.
-
-    \b
-    --timings writes an object; within a version, keys are only added:
-      timings            1, the version
-      seconds            by stage: read, plan (attach and refine), sample,
-                         budget (--engine), encode, prove, report,
-                         export (--frames-dir), write
-      total_seconds      their sum; starting Python comes on top
-      clips, frames      that were baked, at sampling.fps
-      frames_per_second  frames over total_seconds
-      members            vertices that tools move
-      targets            morph targets made
-      bytes_added        OUT with its files over ASSET with its buffers,
-                         or null
-      peak_memory_bytes  of the process, or null where the system
-                         does not say
+    configs/bake.md explains the options.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--max-error,
     --engine, --strict), nothing written; 70 a bug.
-    """  # noqa: D301
+    """
     if output is None and options["frames_dir"] is None:
         raise click.UsageError("Missing option '-o' (or '--frames-dir').")
     if maps_dir is not None and options["replace"]:

@@ -64,13 +64,6 @@ def batch(
     A job is baked only if its asset, a file that the asset refers to, its tools, its options or wrinkle itself has
     changed. Otherwise its outputs are in their places already, or come from the cache.
 
-    --report writes an object for each job; within version 1, keys are only added: "batch" (the version), "job",
-    "asset", "tools", "out", "result" (hit, built, refused, failed, bug), "reason", "seconds", "key",
-    "peak_memory_bytes", "warnings", "residual", "tallest_wrinkle", "errors" and "worker".
-
-    --json prints {"batch": 1, "manifest", "counts", "not_begun", "seconds", "jobs", "warnings"} in the end: "counts"
-    has the number of jobs with each result, "jobs" the objects of --report. Within version 1, keys are only added.
-
     --junit has a test case for each job: failed, with the job's line in MANIFEST, or skipped if nothing had changed.
 
     Exit codes: 0 done; 1 MANIFEST is at fault and nothing was baked, or a job failed; 2 wrong usage; 3 jobs were

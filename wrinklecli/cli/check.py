@@ -65,13 +65,6 @@ def check(
     more of each crossing, so a clip has the number on the refined surface without wrinkles, too. A baked file that
     `wrinkle track` or other software has rewritten is only counted as it is.
 
-    --json prints {"check": 1, "asset", "tools_file", "meshes", "tools", "notes", "warnings"}, and "muscles", "flesh",
-    "touches" and "fields" where there are any; within version 1, keys are only added. Lengths are scene units,
-    positions have the tools file's axes, shortenings are shares of the rest length. With --crossings it prints
-    {"crossings": 1, "asset", "tools_file", "states", "stored_pose", "clips", "warnings"}: counts are a number for each
-    state, or a list of them for the times of a clip; "level" of a clip has those of the refined surface without
-    wrinkles.
-
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 3 refused (--strict with warnings), no picture
     written; 70 a bug.
     """

@@ -44,25 +44,8 @@ def diff(a: str, b: str, *, as_json: bool, quiet: bool, verbose: bool, **options
     neither names nor materials nor the way in which vertices move, and it reports normals without judging them. A file
     of --mode frames is compared at the times of its frames.
 
-    \b
-    --json prints an object; within a version, keys are only added:
-      diff         1, the version
-      same         whether nothing differs
-      a, b         the paths
-      posed        whether --posed was given
-      tolerance    scene units; null if the files are the same to the byte,
-                   which needs no measuring
-      size         of the larger asset, scene units; null as above
-      times        how many moments were compared
-      worst        distance, side (A or B), place, name, vertex, clip (null:
-                   stored pose), time; null if nothing could be compared
-      normal       greatest angle between normals, degrees, or null
-      differences  all, each with kind (structure, value, geometry, image,
-                   animation, pose), place (JSON pointer in A, or in B for what
-                   only B has), name, message, distance (scene units or null)
-
     Exit codes: 0 the same; 1 different; 2 could not be compared, or wrong usage; 70 a bug.
-    """  # noqa: D301
+    """
     from wrinklecli.errors import WrinkleError
     from wrinklecli.review.diff.diff import diff as run
 

@@ -44,25 +44,10 @@ def doctor(*, as_json: bool) -> None:
     """Print versions, extras, cores and memory, and bake one wrinkle of the demo's figure, for a bug report.
 
     The text has no names of users and no paths of their folders. The figure is baked in a temporary folder, which is
-    removed. "cache" is the cache of batch in the current folder.
-
-    \b
-    --json prints an object; within a version, keys are only added:
-      doctor     1, the version
-      wrinkle    version
-      python     implementation and version
-      platform   system and processor
-      libraries  name to version; null if missing
-      extras     name to for (its use), found (whether all it needs is there)
-                 and packages: each with its version, or null if missing or
-                 older than it must be
-      cores      how many this process may use
-      memory     bytes of the machine; null if unknown
-      cache      whether the cache of batch is in this folder
-      bake       ok, seconds, and message (null if ok)
+    removed.
 
     Exit codes: 0 the bake is right; 1 it is not; 2 wrong usage; 70 a bug.
-    """  # noqa: D301
+    """
     found = _found()
     if as_json:
         emit_json(found)

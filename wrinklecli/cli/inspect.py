@@ -23,10 +23,6 @@ def inspect(asset: str, allow_external: bool, max_memory: int, as_json: bool) ->
 
     Vertices are counted as the file has them, and keys of a clip in its longest channel.
 
-    --json prints {"inspect": 1, "asset", "version", "generator", "extensions_used", "extensions_required",
-    "meshes", "bounds", "nodes", "deforming", "skins", "clips", "unplayed", "wrinkles", "replaceable", "files",
-    "bytes"}; within version 1, keys are only added. "bounds", and the joints' places, are those of the pose as stored.
-
     Exit codes: 0 done; 1 the input is at fault; 2 wrong usage; 70 a bug.
     """
     from wrinklecli.review.inspect import inspect as run

@@ -80,9 +80,6 @@ def maps(asset: str, tools: str, folder: str, strict: bool, as_json: bool, quiet
 
     Maps leave out contact, muscles, flesh and touches, which move the mesh.
 
-    --json prints {"maps": 1, "asset", "tools_file", "size", "files", "notes", "warnings"}; "files" begins with
-    maps.json. Within version 1, keys are only added.
-
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 3 refused (--strict with warnings),
     nothing written; 70 a bug.
     """

@@ -176,7 +176,7 @@ def fps(text: str, default: float | None = None) -> Option:
 
 def json(text: str = "Print what was made as JSON, in place of lines.") -> Option:
     """`--json`: `as_json`."""
-    return flag("--json", "as_json", text=text)
+    return flag("--json", "as_json", text=f"{text} Its keys: configs/json.md.")
 
 
 def allow_external(text: str = "Also read buffers, images and presets outside the folders that name them.") -> Option:

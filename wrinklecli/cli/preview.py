@@ -155,9 +155,6 @@ def preview(
     the origin to a ring at the target. The command needs no display, but Pillow and embreex: pip install
     'wrinklecli[preview]'.
 
-    --json prints {"preview": 1, "assets", "path", "size", "shown", "views", "notes", "warnings"}; "size" is in pixels,
-    "shown" says in words how many moments or tools there are. Within version 1, keys are only added.
-
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """
     _refuse_misuse(assets, output, options)

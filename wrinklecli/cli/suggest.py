@@ -103,58 +103,12 @@ def suggest(
 ) -> None:
     """Find where the clips of ASSET (glTF) compress its surface most, and write a tools file for `wrinkle bake`.
 
-    Garments get fields, one for each mesh that looks like cloth somewhere, by its textures or names. `substance` keeps
-    a field to the cloth, and `joints` to the trunk and limbs. Other places get tools. The material of a tool follows
-    from the colours and the fine contrast of the textures under its place, then from names. A comment beside the tool
-    says why, and how sure that is; --material overrides it. Metal, plates, boxes, folds that another layer hides, ribs,
-    lips and lids are left out, and places where no limb folds, such as necks, shoulders and ankles. Notes on standard
-    error say so, and --all keeps them. If the asset is symmetric about x = 0, the tools are symmetric too.
+    Garments get wrinkle fields; skin, faces and leather get tools. Each is tried on the mesh, looked at and scored.
+    What an artist would not keep is left out, and notes on standard error say why. An asset without clips is measured
+    in the range of motion of its joints and morph targets.
 
-    Each field and tool is tried on the refined mesh, and drawn where it is tallest, from the best side. A score says
-    how likely an artist keeps it. It has three merits: one sees the wrinkles, and their crests, and the surface is
-    smooth. Suggestions with a low score are left out, and the next best take their places. -v says why, and with --all
-    a comment beside the tool does. A fold gets one tool, on the outermost layer that folds there.
-
-    A budget says how much memory on a GPU the morph targets of all suggestions may take. Engines unpack a target over
-    all vertices of its mesh, so the figures are those after bake --split. Each suggestion has its own beside it; the
-    best that fit are kept, and garments come first. --all has no budget.
-
-    An asset without clips is measured in its range of motion. Joints of limbs and the trunk turn ahead, aside and
-    about the bone as people's do, and each morph target is raised. --clip takes the names of these motions too, such as
-    "LeftLeg ahead, -120°". Joints are known by the names of common rigs, or by a VRM. If --range-of-motion found
-    tools beside the clips, give it to check too, which otherwise warns of them.
-
-    With --face, the tools are those of a face alone. Its morph targets are known by the names of ARKit, FACS units,
-    VRoid or a VRM's expressions. The targets of a region rise together, and it gets a tool where they compress
-    the skin. Notes name the regions whose targets are missing. Clips are ignored; if there are some, give
-    --range-of-motion to check.
-
-    With --muscles, the file has muscles alone: biceps, triceps, the forearm's flexors, quadriceps, hamstrings and
-    calves of a human, where the rig names the bones of arms and legs. They are guesses, and the file says so.
-
-    With --flesh, the file has regions of flesh alone: belly, chest, buttocks, thighs and cheeks of a human, where the
-    rig names the bones and the skin is far from them. These are guesses too.
-
-    With --touch, the file has touches alone, at places to which a clip brings a fingertip of another arm. Fingers are
-    known by the names of joints. Places, tips and times are measured; reach and grip are guesses.
-
-    The file bakes as it is, and is made to be edited. So a file that exists is refused. --merge adds the suggestions
-    that it does not have; --force writes over it, as in a Makefile whose file nobody edits. The file has a suggestion
-    if it has its name for its node, so suggestions that you deleted come back. A table of the suggestions goes to
-    standard error. If there is nothing to suggest, as for a rigid asset, nothing is written and the exit code is 1, so
-    that a pipeline stops.
-
-    --json prints {"suggest": 1, "asset", "reason", "notes", "dropped", "tools", "fields"}; "dropped" has "name",
-    "reason" and "value" of each field and tool that is left out. Each of "fields" has "name", "node", "material",
-    "substance", "joints", "strength", "mesh", "why", "clip", "time", "height", "wavelength", "targets" and "gpu_bytes",
-    which its targets take in parts of the mesh, as bake --split makes them. Each of "tools" has "name", "node",
-    "origin", "between", "target", "mirror", "width", "material", "strategy", "bumps", "max_height", "compressible",
-    "rest_length", "contact", "mesh", "place" in words, "driver", "driver_kind", "clip", "time", "span", "shortest",
-    "shortening", "clips", "score", "height", "gpu_bytes", "keep", "merits", "substance", "why" and "confidence", 0 to
-    1, null where nobody asked. "keep" is how likely an artist keeps the tool, computed from "merits". Within version 1,
-    keys are only added. Lengths are scene units, shortenings are ratios to the span. "between" has the points of a path
-    between its ends. "clips" has the least length in each clip, null where the character is hidden. "reason" says why
-    there are no tools, and is null if there are some.
+    The file bakes as it is, and is made to be edited. So a file that exists is refused without --merge or --force.
+    configs/suggest.md says how places are found and judged.
 
     Exit codes: 0 done; 1 the input is at fault, or nothing to suggest; 2 wrong usage; 70 a bug.
     """

@@ -54,10 +54,6 @@ def track(
 
     Joints are matched by name. Each ANIM (glTF) is written into DIR with weight tracks added to its clips.
 
-    --json prints {"track": 1, "baked", "files"}; each of "files" has "path", "clips", which got weights, "tools",
-    "notes", "warnings" and "flat", a line for each tool that stays flat in a clip. Within version 1, keys are only
-    added.
-
     Exit codes: 0 done; 1 an input is at fault, nothing written; 2 wrong usage; 3 refused (--strict), nothing
     written; 70 a bug.
     """
