@@ -116,7 +116,10 @@ class FieldKind(EffectKind[Field, AttachedField]):
     def sketch(
         self, attached: AttachedField, region: int, fine: Refinement, _pinned: Bools, before: Part | None = None
     ) -> Part | None:
-        """Let a refined surface carry a field, as if no tool were there; other strengths have the same shapes."""
+        """Let a refined surface carry a field, as if no tool were there; other strengths have the same shapes.
+
+        It is not lowered where it is at fault.
+        """
         old = before.attached if before is not None else None
         if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.factors is attached.factors:
             return replace(before, attached=attached)

@@ -44,7 +44,7 @@ _FIRST = 0.25
 
 def lowering(
     attached: AttachedField,
-    shown: tuple[Rig, Sequence[Clip]] | None,
+    shown: tuple[Rig, Sequence[Clip]],
     fine: Refinement,
     vertices: Ints,
     moves: Floats,
@@ -189,7 +189,7 @@ class _Poses:
     def of(
         cls,
         attached: AttachedField,
-        shown: tuple[Rig, Sequence[Clip]] | None,
+        shown: tuple[Rig, Sequence[Clip]],
         fine: Refinement,
         vertices: Ints,
         moves: Floats,
@@ -201,12 +201,11 @@ class _Poses:
         sweeps, factors = attached.sweeps, attached.factors
         matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
         drive = replace(attached.drive, strengths={}, strength=1.0)
-        if shown is not None:
-            rig, clips = shown
-            for clip in clips:
-                times = np.linspace(clip.start, clip.end, _MOMENTS)
-                matrices.append(joint_matrices(rig, clip, times))
-                weights.append(drive.weights_in(rig, clip)(times))
+        rig, clips = shown
+        for clip in clips:
+            times = np.linspace(clip.start, clip.end, _MOMENTS)
+            matrices.append(joint_matrices(rig, clip, times))
+            weights.append(drive.weights_in(rig, clip)(times))
         every = np.concatenate(weights)
         # A clip that goes to and fro has each pose twice.
         own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])

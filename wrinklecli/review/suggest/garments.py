@@ -18,9 +18,8 @@ from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.faults import turned_warnings
-from wrinklecli.effects.plan import attach_effects, driven_by, plan_on, sketch, skin_parts
+from wrinklecli.effects.effect import MeshPlan
+from wrinklecli.effects.plan import attach_effects, plan_on, sketch
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
@@ -36,7 +35,6 @@ from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.review.suggest.trial import MOST_LEVELS, Placement, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, fault_of
-from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import OF_MATERIALS, Field
@@ -56,8 +54,6 @@ _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", 
 _LEAST_BENT = 0.02
 # Joints of a field, those that bend the most: so many shapes can play it.
 _MOST_JOINTS = 24
-# Strengths that are tried where a field turns triangles over.
-_STRENGTHS = (1.0, 0.7, 0.5)
 # Shapes of a field that are looked at where they are tallest: half of them have to be worth it.
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
@@ -235,7 +231,7 @@ def suggest_fields(
             budget -= draft.gpu_bytes
             drafts.append(draft)
     fields = list[SuggestedField]()
-    for step, found in enumerate(in_processes(partial(_tried, clips, stage), drafts, asset.jobs), 1):
+    for step, found in enumerate(in_processes(partial(_judged, clips, stage), drafts, asset.jobs), 1):
         progress("fields", step, len(drafts))
         if isinstance(found, Dropped):
             dropped.append(found)
@@ -251,14 +247,12 @@ class _Draft:
 
     Attributes:
         garment: The garment, with the field.
-        ground: The mesh at rest.
         attached: The field.
         refined: The refined mesh.
         gpu_bytes: What the targets of the field take at most.
     """
 
     garment: Garment
-    ground: Ground
     attached: AnyAttached
     refined: MeshPlan
     gpu_bytes: int
@@ -270,41 +264,28 @@ class _Draft:
         Raises:
             WrinkleError: A bake would refuse it.
         """
-        settings = _settings(asset.document)
+        # No edge is halved more often than it has to be.
+        settings = ToolsFile(path=asset.document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
         ground, (attached,) = attach_effects(asset.ground(garment.mesh.rig.node), [garment.field], settings)
         refined = plan_on(ground, [attached], settings, ONE_PERCENT, carried=False)
-        return cls(garment, ground, attached, refined, planned_bytes(refined, attached.may_move(refined.fine)))
+        return cls(garment, attached, refined, planned_bytes(refined, attached.may_move(refined.fine)))
 
 
-def _settings(document: Document) -> ToolsFile:
-    """A file with a field alone; no edge is halved more often than it has to be."""
-    return ToolsFile(path=document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
+def _judged(clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
+    """A field that is worth it, or the reason why it is not.
 
-
-def _tried(clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
-    """A field as it bakes well, or the reason why it is left out."""
-    garment, rig = draft.garment, draft.refined.rig
-    try:
-        plan = plan_on(draft.ground, [draft.attached], _settings(draft.ground.document), ONE_PERCENT)
-    except WrinkleError as error:
-        return Dropped(garment.field.name, rig.names[rig.node], "refused", 0.0, error.lines[0])
-    (part,) = skin_parts(plan)
-    for strength in _STRENGTHS:
-        field = replace(garment.field, strength=strength)
-        weaker = sketch(driven_by(part.attached, field), part.region, plan.fine, np.zeros(0, np.bool_), part)
-        tried = replace(draft, garment=replace(garment, field=field))
-        found = _judged(plan, weaker or part, clips_that_move(rig, clips), stage, tried)
-        if isinstance(found, SuggestedField) or found.reason != "warned":
-            break
-    return found
-
-
-def _judged(plan: MeshPlan, part: Part, clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
-    """A planned field that is worth it, or the reason why it is not."""
-    field = draft.garment.field
+    It is looked at before a bake lowers it where it turns triangles over, which takes longest and always succeeds.
+    """
+    field, plan = draft.garment.field, draft.refined
     where = plan.rig.names[plan.rig.node]
-    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in clips]
-    warnings = part.words(plan).warnings(plan, seen, up="y") + turned_warnings(plan, part, seen)
+    try:
+        part = sketch(draft.attached, 0, plan.fine, np.zeros(0, np.bool_))
+    except WrinkleError as error:
+        return Dropped(field.name, where, "refused", 0.0, error.lines[0])
+    assert part is not None, "a field moves the skin"
+    moving = clips_that_move(plan.rig, clips)
+    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in moving]
+    warnings = part.words(plan).warnings(plan, seen, up="y")
     if plan.fine.subdivision.limited:
         warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")
     if warnings:
@@ -335,7 +316,7 @@ def _judged(plan: MeshPlan, part: Part, clips: Sequence[Clip], stage: Stage, dra
         height=float(heights.max()),
         wavelength=part.attached.bump_width,
         targets=len(part.drive.targets),
-        gpu_bytes=planned_bytes(plan, part.target_vertices),
+        gpu_bytes=draft.gpu_bytes,
         levels=plan.fine.subdivision.levels,
     )
 
@@ -358,7 +339,6 @@ def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
             "material": field.material,
             "joints": None if field.joints == "all" else _in_lines(map(quoted, field.joints)),
             "wavelength": None if field.wavelength == usual else written_length(field.wavelength),
-            "strength": None if field.strength == 1.0 else f"{field.strength:g}",
         }
         lines += [
             f"  # {each.why}: folds are {each.wavelength:.3g} from crest to crest, and up to {each.height:.2g} high in"
