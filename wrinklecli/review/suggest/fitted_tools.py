@@ -16,7 +16,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
-from wrinklecli.review.suggest.draft import pair_of, renamed, stem_and_side, tool_of, width_of
+from wrinklecli.review.suggest.draft import SLACK, pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.score import Score
@@ -100,9 +100,7 @@ class Suggestion:
         others: Tools that fit the same place, tried in this order where `check` would warn of this one: straight in
             place of a path, with lower wrinkles, with wide furrows.
         own_profile: True if the tool's profile is another one than its material's.
-        twin_moment: The clip and the time in which its mirror image shortens most; None if that is not suggested.
-        twins_alike: True if it shortens as far in a range of motion, to a hundredth of its length: it looks the same
-            in a mirror, as joints of both sides turn alike.
+        twin_clip: The clip in which its mirror image shortens most; empty if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         substance: What the place is made of; None if it was not looked at.
         part: The part of the body of a driving joint, if known.
@@ -129,8 +127,7 @@ class Suggestion:
     score: float
     others: "tuple[Suggestion, ...]" = ()
     own_profile: bool = False
-    twin_moment: tuple[str, float] | None = None
-    twins_alike: bool = False
+    twin_clip: str = ""
     one_sided: bool = False
     substance: Substance | None = None
     part: Part | None = None
@@ -325,8 +322,8 @@ class _Search:
             score=candidate.score,
             substance=candidate.substance,
             fault=candidate.fault,
-            twin_moment=None if twin is None else (twin.clip.name, twin.time),
-            twins_alike=bool(self.further) and twin is not None and abs(twin.ratio - best.ratio) < 0.01,
+            twin_clip="" if twin is None else twin.clip.name,
+            one_sided=twin is not None and 100.0 * twin.ratio < SLACK,
         )
         lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
         others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]

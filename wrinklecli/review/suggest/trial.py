@@ -4,7 +4,7 @@ Regions are measured on the mesh as it is. Only the refined mesh shows what a to
 triangles become short enough for them.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -22,7 +22,6 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
-from wrinklecli.tools.mirror import exchange_sides
 from wrinklecli.tools.records import RefinementSettings, ToolsFile
 
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
@@ -121,11 +120,7 @@ class Trial:
         Raises:
             BakeError: A bake would refuse the tools.
         """
-        # If an edge of the mesh as it is stays too long, however evenly it is halved, the usual levels are not enough.
-        steps = refinement.edges_per_interval / 2**refinement.max_levels
-        needed, placed = refinement, self._placed(replace(refinement, max_levels=0, edges_per_interval=steps))
-        if not any(each.coarse for each in placed.values()):
-            placed = self._placed(needed)
+        needed, placed = refinement, self._placed(refinement)
         if any(each.coarse for each in placed.values()):
             needed = replace(refinement, max_levels=MOST_LEVELS)
             placed = self._placed(needed)
@@ -140,9 +135,3 @@ class Trial:
         settings = replace(self.settings, refinement=refinement)
         plan = plan_on(self.ground, self.attached, settings, BakeOptions().max_error)
         return {part.attached.tool.name: Placement(plan, part) for part in skin_parts(plan)}
-
-
-def names_of(suggestion: Suggestion, placed: Mapping[str, Placement]) -> Iterator[str]:
-    """The names of the suggestion's tool and of its twin that could be placed."""
-    names = [suggestion.tool.name, *([exchange_sides(suggestion.tool.name)] if suggestion.mirrored else [])]
-    return (name for name in names if name in placed)

@@ -15,14 +15,12 @@ import numpy as np
 
 from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
-from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
 from wrinklecli.effects.faults import departure_warnings, turned_warnings
 from wrinklecli.effects.order import kind_of
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
@@ -32,13 +30,11 @@ from wrinklecli.review.suggest.look import Sight, look_at
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
 from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
 from wrinklecli.review.suggest.stage import Stage, StagedTool
-from wrinklecli.review.suggest.trial import Placement, Trial, TriedAsset, names_of
+from wrinklecli.review.suggest.trial import Placement, Trial, TriedAsset
 from wrinklecli.tools.records import Contact, RefinementSettings, Sampling
 
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
-# Height of a twin over that of the tool above which both must be seen.
-_AS_TALL = 0.5
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets, from
 # which a fold has a slit, which contact closes: a tenth of a line across the place.
 _SLIT = 0.1
@@ -51,8 +47,6 @@ _UNNOTICED = 0.035
 _LOOKS = 3
 # Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
 _MOST_CLIPS = 6
-# Frames of a clip that are checked: eleven minutes.
-_MOST_FRAMES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,61 +199,41 @@ def _judged(
 ) -> Suggestion | Dropped:
     """A suggestion that is worth keeping, another one to try in its place, or the reason why there is none.
 
-    It is kept as it is if nothing is `checked`.
+    It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
-    alike = suggestion.twins_alike
-    moments = [(suggestion.clip, suggestion.time), None if alike else suggestion.twin_moment]
-    limb = suggestion.part in _OF_CONTACT and not suggestion.by_morph
-    installed, touches = kind_of("folds").is_installed, False
-    looks, scores = list[_Look](), list[Score]()
-    for name, moment in zip(names_of(suggestion, placed), moments, strict=False):
-        look = None if moment is None else _look(stage, placed[name], *moment)
-        if look is not None:
-            touches |= limb and _has_slit(look.tallest)
-            looks.append(look)
-            scores.append(look.score)
-            if checked is not None and not scores[-1].is_kept:
-                break  # whatever the twin is like
-        elif name == suggestion.tool.name and checked is not None:
-            return Dropped(name, suggestion.mesh, "not raised", 0.0)
-    # A twin that a clip hardly raises is hardly seen either; one that rises as far must look as good.
-    tallest = max((look.best.height for look in looks), default=0.0)
-    sides = [score for look, score in zip(looks, scores, strict=True) if look.best.height > _AS_TALL * tallest]
-    score = min(sides, key=lambda each: each.keep, default=None)
-    one_sided = suggestion.twin_moment is not None and not alike and len(looks) == 1
+    look = _look(stage, placed[suggestion.tool.name], suggestion.clip, suggestion.time)
     judged = replace(
         suggestion,
-        judgement=score,
-        one_sided=one_sided,
-        height=max((look.tallest.height for look in looks), default=0.0),
-        gpu_bytes=sum(
-            planned_bytes(each.plan, each.part.target_vertices)
-            for each in map(placed.__getitem__, names_of(suggestion, placed))
-        ),
+        judgement=None if look is None else look.score,
+        height=0.0 if look is None else look.tallest.height,
+        gpu_bytes=sum(planned_bytes(each.plan, each.part.target_vertices) for each in placed.values()),
         is_judged=True,
     )
     if checked is None:
         return judged
-    if touches:
-        tool = replace(suggestion.tool, contact=Contact()) if installed else suggestion.tool
-        judged = replace(judged, tool=tool, crossings=max(look.tallest.crossings for look in looks))
-    if score is not None and not score.is_kept:
-        return Dropped(suggestion.tool.name, suggestion.mesh, *score.reason, keep=score.keep)
+    dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
+    if look is None or judged.judgement is None:
+        return dropped("not raised", 0.0)
+    if not judged.judgement.is_kept:
+        return dropped(*judged.judgement.reason, keep=judged.judgement.keep)
+    if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(look.tallest):
+        tool = replace(suggestion.tool, contact=Contact()) if kind_of("folds").is_installed else suggestion.tool
+        judged = replace(judged, tool=tool, crossings=look.tallest.crossings)
     warning, needed = _checked(suggestion, placed, checked)
     if not warning:
         return judged
     if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
         return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), is_judged=False)
-    return suggestion.next or Dropped(suggestion.tool.name, suggestion.mesh, "warned", 0.0, warning)
+    return suggestion.next or dropped("warned", 0.0, warning)
 
 
 def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequence[Clip]) -> tuple[str, float]:
     """What `check` would warn of first, and the `compressible` that the tool needs; an empty string if of nothing."""
     warnings, needed = list[str](), 0.0
     clips = _shortest_clips(suggestion, clips)
-    for name in names_of(suggestion, placed):
-        plan, part = placed[name].plan, placed[name].part
-        seen = [seen_at(part, plan.rig, clip, _frames_of(clip, plan.rig)) for clip in clips]
+    for placement in placed.values():
+        plan, part = placement.plan, placement.part
+        seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in clips]
         lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
         lines += turned_warnings(plan, part, seen)
         if lines:
@@ -346,13 +320,5 @@ def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]
         for name in suggestion.clips
     }
     names = sorted((name for name in parts if parts[name]), key=suggestion.clips.__getitem__)[:_MOST_CLIPS]
-    twin = [] if suggestion.twin_moment is None else [suggestion.twin_moment[0]]
-    wanted = [part for name in (*names, *twin) for part in parts.get(name, [name])]
+    wanted = [part for name in (*names, suggestion.twin_clip) for part in parts.get(name, [name])]
     return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
-
-
-def _frames_of(clip: Clip, rig: Rig) -> Floats:
-    """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
-    frames = (clip.end - clip.start) * Sampling().fps
-    long = frames > _MOST_FRAMES
-    return np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, rig, fps=Sampling().fps)
