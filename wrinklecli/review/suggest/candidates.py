@@ -11,12 +11,12 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.pose import morph_weights, node_matrices
+from wrinklecli.character.clip import Clip, sample
+from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import MaterialName, Part
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit_quaternions
 from wrinklecli.numeric.closest import closest_point, nearest_of
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
@@ -276,8 +276,8 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
     The joint is the one that turns most relative to its parent and has much of the region on both its sides.
     """
     mesh, region, clip = candidate.mesh, candidate.region, candidate.clip
-    rig, times = mesh.rig, np.array([candidate.time])
-    weights, stored = morph_weights(rig, clip, times)[0], mesh.rest.morph_weights
+    rig = mesh.rig
+    weights, stored = morph_weights(rig, clip, np.array([candidate.time]))[0], mesh.rest.morph_weights
     moving = np.flatnonzero(weights != stored)
     ends = [
         closest_point(mesh.rest.positions, mesh.gauge.triangles, end) for end in (candidate.origin, candidate.target)
@@ -296,7 +296,7 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
             return rig.morph_names[moving[int(np.argmin(alone))]], True
     joint_weights = _joint_weights(mesh, region)
     beyond = rig.joints_below @ joint_weights
-    merits = beyond * (1.0 - beyond) * _turns(rig, clip, times)
+    merits = beyond * (1.0 - beyond) * _turns(rig, clip, candidate.time)
     joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(joint_weights.argmax())
     return rig.names[rig.joints[joint]], False
 
@@ -311,27 +311,13 @@ def _joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     return weights
 
 
-def _turns(rig: Rig, clip: Clip, times: Floats) -> Floats:
-    """(joints,) angles between each joint's rotation relative to its parent and that of the stored pose, radians."""
-    nodes = [int(joint) for joint in rig.joints]
-    parents = [int(rig.parents[node]) for node in nodes]
-    turns = np.zeros(len(nodes))
-    with_parent = [k for k, parent in enumerate(parents) if parent >= 0]
-    if not with_parent:
-        return turns
-    every = [nodes[k] for k in with_parent] + [parents[k] for k in with_parent]
-    relative = []
-    for of_clip in (None, clip):
-        matrices = node_matrices(rig, of_clip, times, every)[0, :, :3, :3]
-        own, above = matrices[: len(with_parent)], matrices[len(with_parent) :]
-        regular = np.abs(np.linalg.det(above)) > 0
-        relative.append(_rotation(np.linalg.inv(np.where(regular[:, None, None], above, np.eye(3))) @ own))
-    trace = np.einsum("jab,jab->j", *relative)
-    turns[with_parent] = np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0))
+def _turns(rig: Rig, clip: Clip, time: float) -> Floats:
+    """(joints,) angles by which a clip turns each joint from its stored pose, radians."""
+    turns = np.zeros(len(rig.joints))
+    for number, node in enumerate(rig.joints.tolist()):
+        channel = clip.channel(node, "rotation")
+        if channel is not None:
+            ends = [sample(channel, np.array([time]))[0], rig.locals[node]["rotation"]]
+            one, other = map(unit_quaternions, ends)
+            turns[number] = 2.0 * np.arccos(min(abs(float(one @ other)), 1.0))
     return turns
-
-
-def _rotation(matrices: Floats) -> Floats:
-    """(…, 3, 3) nearest orthogonal matrices."""
-    left, _, right = np.linalg.svd(matrices)
-    return np.asarray(left @ right)

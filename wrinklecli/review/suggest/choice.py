@@ -19,7 +19,6 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
-from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -93,22 +92,19 @@ def choose_candidates(
     document = asset.document
     _refuse_unknown(document, options.materials)
     pictures = Pictures(document)
-    judged = list(_judged(document, candidates, options, pictures))
-    hidden = _hidden(asset, [each for each in judged if not each.fault])
     chosen: list[Candidate] = []
     hard: dict[str, None] = {}
     kinds: dict[str, dict[str, None]] = {}
     left_out: dict[str, list[str]] = {}
-    for each in judged:
+    for each in _judged(asset, candidates, options, pictures):
         assert each.substance is not None
         where = each.mesh.rig.names[each.mesh.rig.node]
-        fault = each.fault or hidden.get(id(each.region), "")
-        if fault and not options.everything:
-            left_out.setdefault(fault, []).append(where)
+        if each.fault and not options.everything:
+            left_out.setdefault(each.fault, []).append(where)
             if each.substance.kind == "hard":
                 hard[f"{where} is {each.substance.stiff}"] = None
         else:
-            chosen.append(replace(each, fault=fault))
+            chosen.append(each)
             kinds.setdefault(each.substance.words, {})[where] = None
     lines = [f"{listed(meshes)}: {words}" for words, meshes in kinds.items()]
     lines += [
@@ -132,9 +128,14 @@ def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
 
 
 def _judged(
-    document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
+    asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
 ) -> Iterator[Candidate]:
-    """Give candidates their materials, and faults but for layers that may hide them."""
+    """Give candidates their materials and faults. A pose is looked at once for all layers that may hide some."""
+    document, layers = (
+        asset.document,
+        Layers(asset.scene, list({id(each.clip): each.clip for each in candidates}.values())),
+    )
+    covered: dict[int, bool] = {}  # instances share their regions
     body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
     bones = body.bones
     hints: dict[int, tuple[PrimitiveHints, ...]] = {}
@@ -146,8 +147,8 @@ def _judged(
     # Animals are neither shod nor dressed, and their coats have several colours.
     animals = {surface for surface, mesh in distinct.items() if is_animal(mesh.rig)}
     bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], bones.parts)
-    for each in candidates:
-        mesh, surface = each.mesh, id(each.mesh.gauge.surface)
+    for each in sorted(candidates, key=lambda each: (each.clip.index, each.time)):
+        mesh, surface, region = each.mesh, id(each.mesh.gauge.surface), id(each.region)
         # All meshes have the names of all nodes; of equal ones the first node counts.
         numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
         animal = surface in animals
@@ -163,40 +164,12 @@ def _judged(
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, part)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"
+        if not fault:
+            if region not in covered:
+                covered[region] = is_covered(mesh, layers, weights, each.clip, each.time)
+            fault = "under another layer where it folds" if covered[region] else ""
         found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part, place=place)
         yield replace(found, substance=substance, presets=known, fault=fault)
-
-
-def _hidden(asset: TriedAsset, candidates: Sequence[Candidate]) -> dict[int, str]:
-    """Why nobody sees a region, by its `id`; instances, which share theirs, are looked at once."""
-    if not candidates:
-        return {}
-    regions = {id(each.region): each for each in candidates}
-    by_pose: dict[tuple[int, float], list[Candidate]] = {}
-    for each in regions.values():
-        by_pose.setdefault((each.clip.index, each.time), []).append(each)
-    clips = {id(each.clip): each.clip for each in candidates}
-    layers = Layers(asset.scene, list(clips.values()))
-
-    def in_pose(those: Sequence[Candidate]) -> list[str]:
-        return [_where_hidden(each, layers) for each in those]
-
-    poses = [by_pose[key] for key in sorted(by_pose)]
-    found = in_processes(in_pose, poses, asset.jobs)
-    return {
-        id(each.region): why
-        for those, reasons in zip(poses, found, strict=True)
-        for each, why in zip(those, reasons, strict=True)
-        if why
-    }
-
-
-def _where_hidden(candidate: Candidate, layers: Layers) -> str:
-    """Why nobody sees a candidate's region; empty if one can."""
-    mesh, region = candidate.mesh, candidate.region
-    weights = triangle_weights(mesh.sites, region)
-    covered = is_covered(mesh, layers, weights, candidate.clip, candidate.time)
-    return "under another layer where it folds" if covered else ""
 
 
 def rims_of(mesh: MeasuredMesh) -> Floats:
