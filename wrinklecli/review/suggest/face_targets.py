@@ -25,22 +25,26 @@ from wrinklecli.tools.mirror import split_side
 
 Side = Literal["", "L", "R"]
 
-# Each motion with its FACS units, and with its names in any order of words, singular, after any other words.
-_MOTIONS: Mapping[str, tuple[tuple[int, ...], str]] = {
-    "browInnerUp": ((1,), "brow inner up, inner brow raiser, brow raise inner, brow raise in, brow up, brow raise"),
-    "browOuterUp": ((2,), "brow outer up, outer brow raiser, brow raise outer, brow raise out, brow up, brow raise"),
-    "browDown": ((4,), "brow down, brow lowerer, brow lower, brow drop, brow compress, brow pinch, frown brow"),
-    "cheekSquint": ((6,), "cheek squint, cheek raiser, cheek raise, eye cheek raise"),
-    "eyeSquint": ((7,), "eye squint, lid tightener, lid tighten, eye squint inner, squint"),
-    "noseSneer": ((9,), "nose sneer, nose wrinkler, nose wrinkle, sneer"),
-    "mouthSmile": ((12,), "mouth smile, lip corner puller, mouth corner pull, smile"),
-    "mouthShrugLower": ((17,), "mouth shrug lower, chin raiser, chin raise, mouth chin up, mouth raiser lower"),
-    "eyeBlink": ((43, 45), "eye blink, eye close, eye closed, lid close, blink"),
-    "jawOpen": ((26, 27), "jaw open, jaw drop, mouth open"),
-    "mouthPucker": ((18, 22, 25), "mouth pucker, mouth funnel, lip pucker, lip funneler, lip part"),
-    "mouthFrown": ((15, 20), "mouth frown, mouth stretch, lip corner depressor, lip stretcher"),
+# Each motion with its units of FACS, and its names in any order of words, singular, after any other words.
+_MOTIONS: Mapping[str, str] = {
+    "browInnerUp": (
+        "1, brow inner up, inner brow raiser, brow raise inner, brow raise in, brow up, brow raise, brw surprised"
+    ),
+    "browOuterUp": (
+        "2, brow outer up, outer brow raiser, brow raise outer, brow raise out, brow up, brow raise, brw surprised"
+    ),
+    "browDown": "4, brow down, brow lowerer, brow lower, brow drop, brow compress, brow pinch, frown brow, brw angry",
+    "cheekSquint": "6, cheek squint, cheek raiser, cheek raise, eye cheek raise, eye joy",
+    "eyeSquint": "7, eye squint, lid tightener, lid tighten, eye squint inner, squint, eye joy",
+    "noseSneer": "9, nose sneer, nose wrinkler, nose wrinkle, sneer",
+    "mouthSmile": "12, mouth smile, lip corner puller, mouth corner pull, smile, mth joy, mth fun",
+    "mouthShrugLower": "17, mouth shrug lower, chin raiser, chin raise, mouth chin up, mouth raiser lower",
+    "eyeBlink": "43, 45, eye blink, eye close, eye closed, lid close, blink",
+    "jawOpen": "26, 27, jaw open, jaw drop, mouth open, mth a",
+    "mouthPucker": "18, 22, 25, mouth pucker, mouth funnel, lip pucker, lip funneler, lip part, mth u",
+    "mouthFrown": "15, 20, mouth frown, mouth stretch, lip corner depressor, lip stretcher",
 }
-# Expressions of VRM 0 and 1, and VRoid Studio's parts of them.
+# Expressions of VRM 0 and 1.
 _EXPRESSIONS: Mapping[str, tuple[str, ...]] = {
     "surprised": ("browInnerUp", "browOuterUp"),
     "angry": ("browDown",),
@@ -48,11 +52,6 @@ _EXPRESSIONS: Mapping[str, tuple[str, ...]] = {
     "blink": ("eyeBlink",),
     "aa a": ("jawOpen",),
     "ou u oh o": ("mouthPucker",),
-}
-_VROID: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "brw": {"surprised": ("browInnerUp", "browOuterUp"), "angry": ("browDown",)},
-    "eye": {"joy": ("cheekSquint", "eyeSquint"), "close": ("eyeBlink",)},
-    "mth": {"joy": ("mouthSmile",), "fun": ("mouthSmile",), "a": ("jawOpen",), "u": ("mouthPucker",)},
 }
 _UNIT = re.compile(r"(?:^|[^A-Za-z])[Aa][Uu][_ .-]?0?(\d{1,2})(?!\d)")
 VOCABULARIES = (
@@ -154,14 +153,11 @@ def motions_of(name: str) -> tuple[tuple[str, ...], Side]:
     if unit := _UNIT.search(name):
         if not letter and (after := re.match(r"_?([LR])\b", name[unit.end() :])):
             side = "L" if after[1] == "L" else "R"
-        return tuple(motion for motion, (units, _) in _MOTIONS.items() if int(unit[1]) in units), side
+        return _BY_WORDS.get((str(int(unit[1])),), ()), side
     words = words_of(stem).split()
     # MetaHuman and others write the side as the last letter: `browRaiseInL`, `innerBrowRaiserL`.
     if not side and words and words[-1] in ("l", "r"):
         side = "L" if words.pop() == "l" else "R"
-    for part, of_part in _VROID.items():
-        if part in words and words[-1] in of_part and "fcl" in words:
-            return of_part[words[-1]], side
     words = [word.removesuffix("s") if word in _PLURALS else word for word in words]
     for count in range(min(_LONGEST, len(words)), 0, -1):
         motions = _BY_WORDS.get(tuple(sorted(words[-count:])))
@@ -175,7 +171,7 @@ _PLURALS = ("brows", "eyebrows", "eyes", "lids", "cheeks", "lips", "eyebrow")
 
 def _by_words() -> dict[tuple[str, ...], tuple[str, ...]]:
     found: dict[tuple[str, ...], tuple[str, ...]] = {}
-    for motion, (_, names) in _MOTIONS.items():
+    for motion, names in _MOTIONS.items():
         for name in names.split(", "):
             key = tuple(sorted(name.split()))
             found[key] = (*found.get(key, ()), motion)
