@@ -200,3 +200,18 @@ def test_the_rest_of_many_joints_is_left_out_and_said() -> None:
     rig = read_rig(document, 0)
     clip = found.clips[-1]
     assert not np.allclose(joint_matrices(rig, clip, np.ones(1)), joint_matrices(rig, None, np.ones(1)))
+
+
+def test_skirts_of_a_body_follow_and_do_not_tell_which_way_a_leg_lies() -> None:
+    """The limb lies along x. A skirt's bones hang from its thigh, aside and farther out than the knee."""
+    asset = limb_asset(rings=16, sides=4, joints=6, clip=None)
+    nodes = asset.gltf["nodes"]
+    for node, name in zip(nodes[1:7], ("hips", "LeftArm", "LeftForeArm", "LeftUpLeg", "LeftLeg", "Skirt"), strict=True):
+        node["name"] = name
+    nodes[4]["children"], nodes[5]["children"] = [5, 6], []
+    nodes[6]["translation"] = [0.0, 2.0 * nodes[5]["translation"][0], 0.0]
+    found = {*motions(asset)}
+    assert {f"LeftUpLeg {way}" for way in ("ahead, +95°", "aside, -30°", "twisted, +25°")} <= found
+    assert not any("Skirt" in name or "about" in name for name in found)
+    nodes[4]["name"] = "thing"  # no legs: no body, so each joint moves
+    assert any("Skirt about" in name for name in motions(asset))

@@ -75,6 +75,8 @@ _TELLING_MOTIONS = 6
 _TELLING_MORPHS = 2
 # Most joints that move: a person with all fingers has 60.
 _MOST_JOINTS = 100
+# Parts of a rig that has a body's limbs: its other joints are skirts, straps, springs and helpers, which follow these.
+_LIMBS: Collection[Part] = ("upper arm", "lower arm", "upper leg", "lower leg")
 # Most morph targets that rise: a face of ARKit has 52.
 _MOST_MORPHS = 200
 
@@ -112,8 +114,9 @@ def range_of_motion(
     A joint that the document's clips turn by 30° or more goes as far as in the clips, about its own axes. Joints of a
     body's trunk and limbs turn ahead, aside and about the bone as far as people's. Others bend about their own axes
     by 90° and twist by 45°; jaw and eyes bend by 20°, and others of a face by 8°. Joints are left out if they bend
-    nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix; if there are
-    more than 100 others, those that bend the least area. Morph targets named in `driven`, by node, are left out, too.
+    nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix. On a rig with
+    arms and legs, those of no part of a body are left out, such as a skirt's. If there are more than 100 others, those
+    that bend the least area are. Morph targets named in `driven`, by node, are left out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -123,17 +126,19 @@ def range_of_motion(
     areas, moved = bent_areas(document, rigs)
     bending = np.flatnonzero(areas > _LEAST_BENT * areas.max(initial=0.0))
     turnable = [int(node) for node in bending if "rotation" in hierarchy.locals[node]]
-    joints = sorted(sorted(turnable, key=lambda node: -areas[node])[:_MOST_JOINTS])
     moving = _morph_targets(document, rigs, driven or {})
     morphs = list(moving)[:_MOST_MORPHS]
     bones = read_bones(document)
     forwards = forwards_of(hierarchy, bones)
     shown = [clip for clip in clips if clip.moves]
+    of_body = [node for node in turnable if _is_of_body(rigs[0], node, bones, shown)]
+    joints = sorted(sorted(of_body, key=lambda node: -areas[node])[:_MOST_JOINTS])
     turns = {node: _turns(rigs[0], node, bones, forwards, shown, moved > 0) for node in joints}
     made = [each for node in joints for each in _motions(rigs[0], node, turns[node])]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
-        counted(len(turnable) - len(joints), "joint") + " that bend less" if len(turnable) > len(joints) else "",
+        counted(len(of_body) - len(joints), "joint") + " that bend less" if len(of_body) > len(joints) else "",
+        counted(len(turnable) - len(of_body), "joint") + " beside the body" if len(turnable) > len(of_body) else "",
         counted(len(bending) - len(turnable), "joint") + " stored as a matrix" if len(bending) > len(turnable) else "",
         counted(len(moving) - len(morphs), "morph target") if len(moving) > len(morphs) else "",
     ]
@@ -145,7 +150,7 @@ def range_of_motion(
         {node: [(axis, np.radians(ends)) for _, axis, ends in of_joint] for node, of_joint in turns.items()},
         named,
         _telling(named, areas),
-        summary + "".join(f"; left out: {each}" for each in left_out if each),
+        "; left out: ".join(filter(None, [summary, ", ".join(filter(None, left_out))])),
     )
 
 
@@ -179,6 +184,17 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
         name = f"{name}#{index}" if name in names else name
         names.add(name)
         yield motion_clip(name, channels, index=index)
+
+
+def _is_of_body(rig: Rig, node: int, bones: Bones, clips: Sequence[Clip]) -> bool:
+    """Whether a joint moves a part of a body or face, or clips show how far it goes; all do on rigs without limbs."""
+    parts, above = bones.parts, node
+    while above >= 0 and parts[above] != "head":
+        above = int(rig.parents[above])
+    if parts[node] is not None or above >= 0 or not {*_LIMBS} <= {*parts}:
+        return True
+    stored = unit_quaternions(rig.locals[node]["rotation"])
+    return float(np.abs(_shown_turns(node, stored, clips)).max()) >= TELLING
 
 
 def _turns(rig: Rig, node: int, bones: Bones, forwards: Floats, clips: Sequence[Clip], carrying: Bools) -> list[_Turn]:
@@ -275,14 +291,16 @@ def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
 def _bone(rig: Rig, node: int, bones: Bones, carrying: Bools) -> Floats:
     """(3,) unit direction of a joint's bone, to the joints below or from the parent, in its space; 0 if unclear.
 
-    Where the joints below lie on all sides, those of the joint's own part count: a biped's legs hang from its spine.
+    Joints below of a body's parts count before others, such as a skirt's. Where they lie on all sides, those of the
+    joint's own part count: a biped's legs hang from its spine.
     """
     below = np.flatnonzero((rig.parents == node) & carrying)
     if not len(below):
         linear = rig.rows[:, :3, node]
         return unit(np.linalg.pinv(linear) @ rig.rows[:, 3, node])
+    known = [each for each in below if bones.parts[each]] or below
     own = [each for each in below if bones.parts[each] == bones.parts[node]]
-    for some in (below, own):
+    for some in (known, own):
         offsets = rig.rows[:, 3, some].T
         total = offsets.sum(axis=0)
         if np.linalg.norm(total) >= _LEAST_AGREED * np.linalg.norm(offsets, axis=1).sum():
