@@ -1130,7 +1130,7 @@ def play_clip(preview: Any) -> None:
 
 # --- the command ---
 
-_PANEL_WIDTH = 40  # characters
+_PANEL_WIDTH = 28  # characters
 _TICK = 0.1  # seconds between two looks at a bake that runs
 _job: Job | None = None
 _unfinished: Path | None = None  # the tools file of the bake that runs
@@ -1798,7 +1798,7 @@ class Tools(bpy.types.Panel):
         for kind, each in KINDS.items():
             adding.operator("wrinkle.add", text=f"Add {each.title}").kind = kind
         if context.mode != "EDIT_MESH":
-            layout.label(text="Pick vertices in edit mode, but for a field", icon="INFO")
+            layout.label(text="Pick vertices to add", icon="INFO")
         active = tool_at(context)
         tools = layout.column(align=True)
         for tool in tools_of(context.scene):

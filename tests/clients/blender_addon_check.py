@@ -261,7 +261,7 @@ def panel() -> list[str]:
 
 def check_that_the_panel_has_every_key_and_a_bar() -> None:
     body = start("body")
-    assert "Pick vertices in edit mode, but for a field" in panel()
+    assert "Pick vertices to add" in panel()
     pick(body, (0.205, 0.06, 1.368), (0.382, -0.05, 1.18))
     for kind, points in (("tools", 2), ("muscles", 2), ("flesh", 1), ("touches", 1), ("fields", 0)):
         pick(body, *((0.205, 0.06, 1.368), (0.382, -0.05, 1.18))[:points])
