@@ -142,9 +142,9 @@ def range_of_motion(
         counted(len(bending) - len(turnable), "joint") + " stored as a matrix" if len(bending) > len(turnable) else "",
         counted(len(moving) - len(morphs), "morph target") if len(moving) > len(morphs) else "",
     ]
-    summary = (
-        f"{counted(len(made), 'motion')} of {counted(len(joints), 'joint')} and {counted(len(morphs), 'morph target')}"
-    )
+    counts = {"joint": len(joints), "morph target": len(morphs)}
+    of_what = " and ".join(counted(count, word) for word, count in counts.items() if count)
+    summary = f"{counted(len(made), 'motion')} of {of_what or 'nothing'}"
     named = tuple(_named(made, {clip.name for clip in clips}, len(document.items("animations"))))
     return RangeOfMotion(
         {node: [(axis, np.radians(ends)) for _, axis, ends in of_joint] for node, of_joint in turns.items()},

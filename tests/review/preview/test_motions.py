@@ -44,7 +44,7 @@ def test_clips_that_hold_still_count_as_none(tmp_path: Path) -> None:
     assert {name for name, _ in shown(path, PreviewOptions(), Motions())} > {"joint_1 about x, +45°"}
     assert {name for name, _ in shown(path, PreviewOptions(clips=["fold"]), Motions())} == {"fold"}
     (note,) = moved(read_document(path), [0], Motions()).notes
-    assert note.endswith("its clips hold still; looked at in 6 motions of 1 joint and 0 morph targets")
+    assert note.endswith("its clips hold still; looked at in 6 motions of 1 joint")
 
 
 @pytest.mark.slow
@@ -55,7 +55,7 @@ def test_the_command_shows_poses_motions_and_clips_of_other_files(tmp_path: Path
     tools, out = write_tools(tmp_path / "tools.yaml", tool()), tmp_path / "out.png"
     ran = wrinkle("preview", path, "-o", out, SMALL)
     assert ran.code == 0
-    assert "has no clip; looked at in 6 motions of 1 joint and 0 morph targets" in ran.lines[-2]
+    assert "has no clip; looked at in 6 motions of 1 joint" in ran.lines[-2]
     assert "6 moments" in ran.lines[-1]
     for options, told in (
         (["--pose=joint_1=z:60"], "1 moment"),

@@ -58,6 +58,8 @@ _INSET_MARGIN = 1.05
 _MEASURED = ("compression", "crests")
 # Pixels around the asset in an inset, and the least half side of the frame.
 _INSET_GAP = 3
+# Pixels of the word at the right end of a legend, with its margins.
+_LEGEND_WORD = 42
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class _Shot:
         if self.view.visible < _OUT_OF_SIGHT:
             first = (*first, Fact("out of sight", alarming=True))
         elif self.moment != self.peak.moment:
-            first = (*first, Fact(f"hidden at {self.peak.moment.time:.2f} s"))
+            first = (*first, Fact(f"tallest at {self.peak.moment.time:.2f} s, but hidden"))
         return [first, *others]
 
 
@@ -278,7 +280,7 @@ def _draw_legend(pixels: Bytes) -> tuple[Placed, ...]:
     """
     height, width = pixels.shape[:2]
     side, long = max(height // 40, 4), width // 4
-    right, bottom, top = width - 5 * side, height - 2 * side, HEAT[-1][0]
+    right, bottom, top = width - max(5 * side, _LEGEND_WORD), height - 2 * side, HEAT[-1][0]
     bar = np.round(255 * heat_colours(np.linspace(0.0, top, long))).astype(np.uint8)
     pixels[bottom - side : bottom, right - long : right] = bar
     middle = bottom - side / 2
