@@ -17,6 +17,8 @@ from kit.limb import limb_asset, nose, tool, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
+from wrinklecli.effects.contact.crease import Surface, distances_from_crossings
+from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.effect import SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.numeric.guard import log_progress
@@ -155,3 +157,25 @@ def test_a_morph_target_may_raise_a_fold_in_clips_of_any_kind() -> None:
     assert {name for name, count in counts[1].items() if count} == {"sneer", "one key", "raised at 0", "steps"}
     posed = crossings(body.path, morphs=[("squeeze", 1.0)]).data["clips"]
     assert posed[0]["totals"][1] == 0
+
+
+@pytest.mark.slow
+def test_poses_between_solved_ones_are_not_solved_and_cross_nothing(tmp_path: Path) -> None:
+    """A clip folds the limb slowly, and back through the same poses."""
+    asset, clip = limb_asset(clip=None, rings=12, sides=8), dict[str, Any](name="slow")
+    asset.channel(clip, 2, "rotation", [0.0, 2.0, 4.0], [turned(each) for each in (0.0, 100.0, 0.0)], "LINEAR")
+    asset.append("animations", clip)
+    tools = write_tools(tmp_path / "tools.yaml", TOOL, **UNREFINED)
+    job = read_job(asset.write(tmp_path / "limb.glb"), tools, BakeOptions())
+    (plan,) = plan_meshes(job)
+    contact = plan.layer(ContactLayer)
+    assert contact is not None
+    apart = distances_from_crossings(contact.folds[0])
+    assert apart is not None
+    marched = Surface.of(contact.folds[0], apart).march(job.clips[0], np.linspace(0.0, 4.0, 121))
+    touching = [marched.solution(frame) for frame in marched.touching]
+    solved = [each for each in touching if each.between is None]
+    assert not any(each.crosses_itself for each in touching)
+    assert len(touching) > 30
+    # On the way back there are none, but where it ends to touch.
+    assert len(solved) < len(touching) / 2

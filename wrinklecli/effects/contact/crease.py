@@ -28,11 +28,10 @@ from wrinklecli.effects.contact.given_up import (
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.rise import Rise
 from wrinklecli.effects.contact.solution import (
+    March,
     Solution,
     free_rows,
     is_clear,
-    last_state,
-    solutions_in,
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
@@ -161,7 +160,7 @@ class Surface:
         poses = list[SolvedPose]()
         try:
             with degenerate_given_up():
-                solutions = solutions_in(fold, self.tissue.again(), clip, times)
+                solutions = March(fold, self.tissue.again()).through(clip, times)
                 for folded, time, found in zip(way, times, solutions, strict=True):
                     solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
                     if found.fault is not None:
@@ -215,10 +214,15 @@ class Crease(Surface):
         has weights that are looked up: at its end, a table holds the last good ones.
         """
         weights = np.zeros((len(marched.times), len(self.shapes)))
-        crossing, unspanned, error = list[int](), list[int](), 0.0
-        for frame in marched.touching:
-            found = marched.solution(frame)
-            weights[frame], crosses = fit_pose(found, self.shapes)
+        crossing, unspanned, error, times = list[int](), list[int](), 0.0, marched.times
+        # What lies between others comes after them.
+        for frame in sorted(marched.touching, key=lambda frame: marched.solution(frame).between is not None):
+            found, crosses = marched.solution(frame), False
+            if found.between is not None:
+                one, two, share = found.between
+                weights[frame] = (1.0 - share) * weights[one] + share * weights[two]
+            if found.between is None or found.crossing(combined(weights[frame], self.shapes)) is not None:
+                weights[frame], crosses = fit_pose(found, self.shapes)
             moved = combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
             # A fit may take no more volume away than it may, and than the solution does.
@@ -226,11 +230,11 @@ class Crease(Surface):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
-        good, times = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults)), marched.times
+        good = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults))
         held = interpolated(times, times[good], weights[good]) if len(good) else self._looked_up(marched.clip, times)
         error *= self.fold.radius / UNITS
         unspanned = sorted({*crossing, *unspanned})
-        return Followed(marched.clip, times, held, error, tuple(crossing), tuple(unspanned), marched.faults)
+        return Followed(marched.clip, times, held, error, tuple(sorted(crossing)), tuple(unspanned), marched.faults)
 
     def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
@@ -410,14 +414,15 @@ def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", cli
 def _in_clip(
     fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats
 ) -> Iterator[Solution]:
-    strides = np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges])
-    jumps = np.abs(np.diff(strides, axis=1)).max(axis=0) > _JUMP
-    for part in np.split(times, 1 + np.flatnonzero(jumps)):
-        start = None
-        if not is_clear(fold, tissue, clip, float(part[0])):
-            way = approach(clip, float(part[0]), fold.rig)
-            start = last_state(solutions_in(fold, tissue, way, np.linspace(0.0, 1.0, _APPROACH)))
-        yield from solutions_in(fold, tissue, clip, part, start)
+    strides = np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges], axis=1)
+    jumps, marching = np.abs(np.diff(strides, axis=0)).max(axis=1) > _JUMP, March(fold, tissue)
+    for part in np.split(np.arange(len(times)), 1 + np.flatnonzero(jumps)):
+        if not is_clear(fold, tissue, clip, float(times[part[0]])):
+            way = March(fold, tissue)
+            for _ in way.through(approach(clip, float(times[part[0]]), fold.rig), np.linspace(0.0, 1.0, _APPROACH)):
+                pass
+            marching.reached += way.reached
+        yield from marching.through(clip, times[part], strides[part])
 
 
 def poses_of_sweeps(surface: Surface, solved: Sequence[Sweep]) -> list[SolvedPose]:

@@ -43,9 +43,9 @@ _BEYOND_NEAREST = np.radians(30.0)
 _POSES = 61
 # and index of the pose that shows which way the ends come together.
 _EARLY_POSE = 5
-# Greatest step between two poses of a sweep, radians: with longer ones a fold that closes fast takes several times the
-# solver's steps.
-_STRIDE = float(np.radians(4.0))
+STRIDE = float(np.radians(4.0))
+"""Greatest step between two poses of a sweep, radians: with longer ones a fold that closes fast takes several times the
+solver's steps."""
 # An axis of the joint's own replaces a guess that is nearer than this, radians: riggers orient joints so that knees,
 # elbows and fingers turn about one of their axes, and clips do. The guess is 5 to 15° off on common rigs.
 _OWN_AXIS = np.radians(20.0)
@@ -67,7 +67,7 @@ class Hinge:
     least: float
     most: float
     # Greatest step between two poses of a sweep, radians.
-    stride: ClassVar[float] = _STRIDE
+    stride: ClassVar[float] = STRIDE
     # (leanings, 2) tilts of the axis for sweeps, as `turn` takes them; the first is none.
     leanings: ClassVar[Floats] = _LEANINGS
 
@@ -92,7 +92,7 @@ class Hinge:
 
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) angles at (frames,) seconds of a clip, in strides."""
-        return np.asarray(self.reading(rig, clip, times).rows / _STRIDE)
+        return np.asarray(self.reading(rig, clip, times).rows / STRIDE)
 
     def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
         """A clip of a second through (keys,) evenly spaced radians from the stored rotation, less than 180° apart.

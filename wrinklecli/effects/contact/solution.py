@@ -1,21 +1,29 @@
 """Solves a fold in the poses of a clip, by module `march`, and gives the solutions in bind space."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import islice
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.fold import REACH_RADII, Fold
 from wrinklecli.effects.contact.given_up import TOO_MANY_STEPS, TORN, UNSETTLED
+from wrinklecli.effects.contact.hinge import STRIDE
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, inverses, unit
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, inverses, unit
 from wrinklecli.numeric.intersections import widened
 
+# Poses are solved a stride of a hinge apart, as far as players look up between two rows, or where the surface has moved
+# as far as the ends of a fold do in one, solver's units.
+_STEP = STRIDE * REACH_RADII * UNITS
+# The way round by a pose that lies between two others, relative to the straight one.
+_DETOUR = 1.1
+# Most poses of such a step, for their memory.
+_MOST_AT_ONCE = 32
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
 _AHEAD = 4
 # Distance of solved poses that others start from, solver's units: about a quarter of a step of a sweep. A long clip
@@ -50,7 +58,8 @@ class Solution:
         outward: (free, 3) unit directions in which the barrier pushes, solver's units; 0 where nothing is near.
         positions: (vertices, 3) skinned positions, solver's units.
         matrices: (free, 3, 3) from bind space to solver's units.
-        state: The solver's state, from which the next pose starts.
+        state: The solver's state, from which other poses start.
+        between: If the pose is not solved, the numbers of two that are, and its part of the way between these.
     """
 
     tissue: Tissue
@@ -60,6 +69,7 @@ class Solution:
     positions: Floats
     matrices: Floats
     state: SolverState
+    between: tuple[int, int, float] | None = None
 
     @property
     def touches(self) -> bool:
@@ -187,18 +197,131 @@ class Steps:
         return self.taken <= _MOST_STEPS + _MOST_STEPS_PER_POSE * self.poses
 
 
-def solutions_in(
-    fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats, start: SolverState | None = None
-) -> Iterator[Solution]:
-    """Solve a fold at each of (frames,) seconds of a clip, from a state, or from a pose in which nothing touches.
+@dataclass(slots=True)
+class March:
+    """The solver's way through the poses of a fold.
 
-    In a pose that does not settle, or that is torn, contact moves nothing, and the solution has a fault. After too
-    many steps all poses have it in which anything is near.
+    A pose is solved from the solved one that is nearest to it. So it has about the same solution however a clip comes
+    to it, and the march goes on after poses that do not settle or are torn. In such a pose contact moves nothing, and
+    the solution has a fault. A pose that is further from the nearest solved one than such a pose fails, too, and after
+    too many steps so does each in which anything is near.
+
+    Poses that lie between two solved ones that are a step apart get a mean of both, unless something would cross. Runs
+    of poses are skipped before and after which nothing is near.
+
+    Attributes:
+        fold: The fold.
+        tissue: Its surface.
+        reached: The solved poses from which others start.
+        steps: The solver's steps so far.
+        fault: The reason why the last pose does not count; None if it does.
+        spans: The pairs of solved poses between which others lie.
+        count: Number of poses so far.
     """
-    scale = UNITS / fold.radius
-    rows = free_rows(tissue)
-    for state in _states(tissue, lambda at: _poses(fold, tissue, clip, at), times, start):
-        matrices = scale * state.posed.matrices[rows]
+
+    fold: Fold
+    tissue: Tissue
+    reached: "list[_Reached]" = field(default_factory=list)
+    steps: Steps = field(default_factory=Steps)
+    fault: str | None = None
+    spans: "list[_Span]" = field(default_factory=list)
+    count: int = 0
+
+    def through(self, clip: Clip, times: Floats, strides: Floats | None = None) -> Iterator[Solution]:
+        """Solve the fold at (frames,) seconds of a clip.
+
+        Without (frames, hinges) angles there, in strides, no pose gets a mean of others.
+        """
+        poses, ahead, last = _poses(self.fold, self.tissue, clip, times), list[SkinnedPose](), None
+        touching = bool(self.reached) and bool(self.reached[-1].state.correction.any())
+        before = self.count
+        while ahead := [*ahead, *islice(poses, max(_AHEAD - len(ahead), 0))]:
+            if not touching and self.tissue.is_clear(ahead[:_AHEAD][-1].positions):
+                found = [self._solution(SolverState(posed.positions, posed)) for posed in ahead[:_AHEAD]]
+                self._keep(found[-1].state, self.reached[-1] if self.reached else None)
+            else:
+                ahead += islice(poses, _MOST_AT_ONCE - len(ahead))
+                turns = None if strides is None else strides[max(self.count - before - 1, 0) :]
+                found = self._solved(ahead, last, turns)
+            ahead, last, self.count = ahead[len(found) :], found[-1], self.count + len(found)
+            touching = last.fault is not None or last.touches
+            yield from found
+
+    def _solved(self, poses: Sequence[SkinnedPose], last: Solution | None, strides: Floats | None) -> list[Solution]:
+        """Solve the first few of some poses, or those within a step from the last one before.
+
+        The first of (frames, hinges) strides are those of the last one.
+        """
+        if strides is None:
+            return [self._solve(poses[0])]
+        if last is None or not last.touches:
+            return [self._between(posed) or self._solve(posed) for posed in poses[:_AHEAD]]
+        first = self._between(poses[0])
+        if first is not None or last.between is not None:
+            return [first or self._solve(poses[0])]
+        moves = list[float]()
+        for posed, turns in zip(poses, strides[1:], strict=False):
+            apart = _apart(posed.positions, last.positions, self.tissue.rows)
+            moved = max(apart / _STEP, float(np.abs(turns - strides[0]).max()))
+            if moves and moved > 1.0:
+                break
+            moves.append(moved)
+        # The furthest; of equal ones the last counts.
+        count = len(moves) - int(np.argmax(moves[::-1]))
+        end = self._solve(poses[count - 1])
+        if end.touches:
+            self.spans.append(_Span(self.count - 1, self.count + count - 1, last, end))
+        return [*(self._between(posed) or self._solve(posed) for posed in poses[: count - 1]), end]
+
+    def _between(self, posed: SkinnedPose) -> Solution | None:
+        """The mean of two solutions between which a pose lies; None if there are none, or something would cross."""
+        rows, least, found = self.tissue.rows, _DETOUR, None
+        for span in self.spans:
+            before, after = (_apart(posed.positions, each.positions, rows) for each in (span.first, span.second))
+            whole = max(_apart(span.first.positions, span.second.positions, rows), TINY)
+            if before + after < least * whole:
+                least, found = (before + after) / whole, (span, before / max(before + after, TINY))
+        if found is None:
+            return None
+        span, share = found
+        one, two = span.first, span.second
+        between = replace(
+            self._solution(SolverState(posed.positions, posed)),
+            moved=(1.0 - share) * one.moved + share * two.moved,
+            error_weights=np.maximum(one.error_weights, two.error_weights),
+            outward=unit((1.0 - share) * one.outward + share * two.outward),
+            between=(span.begin, span.end, share),
+        )
+        return None if self.tissue.crosses(between.positions_under(between.moved)) else between
+
+    def _keep(self, state: SolverState, nearest: "_Reached | None") -> None:
+        """Let other poses start from a solved one, unless they may as well start from the nearest one."""
+        if nearest is None or not nearest.stands_for(state):
+            self.reached.append(_Reached(replace(state, near=None)))
+
+    def _solve(self, posed: SkinnedPose) -> Solution:
+        """Solve a pose from the nearest solved one."""
+        nearest = min(self.reached, key=lambda each: each.distance(posed), default=None)
+        apart = 0.0 if nearest is None else nearest.distance(posed)
+        if (nearest is None or apart < nearest.reach) and self.steps.suffice:
+            (state,) = march(self.tissue, [posed], None if nearest is None else nearest.state)
+            if state.converged and state.correction.any() and self.tissue.tears(posed.positions, state.positions):
+                state = replace(state, converged=False, fault=TORN)
+            self.steps.count(state)
+            self.fault = state.fault if self.steps.suffice else TOO_MANY_STEPS
+        else:
+            clear = self.tissue.is_clear(posed.positions)
+            state = SolverState(posed.positions, posed, converged=clear, fault=None if clear else self.fault)
+        if state.converged:
+            self._keep(state, nearest)
+        elif nearest is not None:
+            nearest.reach = min(nearest.reach, apart)
+        return self._solution(state)
+
+    def _solution(self, state: SolverState) -> Solution:
+        """The solution of a solver's state, in bind space."""
+        tissue, rows = self.tissue, free_rows(self.tissue)
+        matrices = UNITS / self.fold.radius * state.posed.matrices[rows]
         correction = state.correction[rows]
         moved, outward, shares = np.zeros_like(correction), np.zeros_like(correction), np.full(len(rows), _LEAST_WEIGHT)
         moving = np.flatnonzero(correction.any(axis=1)) if state.converged else np.zeros(0, np.intp)
@@ -207,7 +330,22 @@ def solutions_in(
             forces = tissue.forces(state)
             shares = _error_weights(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
-        yield Solution(tissue, moved, shares, outward, state.posed.positions, matrices, state)
+        return Solution(tissue, moved, shares, outward, state.posed.positions, matrices, state)
+
+
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """Two solved poses, and their numbers."""
+
+    begin: int
+    end: int
+    first: Solution
+    second: Solution
+
+
+def _apart(positions: Floats, others: Floats, rows: Ints) -> float:
+    """Greatest distance of (vertices, 3) positions from others in some rows, by coordinates."""
+    return float(np.abs(positions[rows] - others[rows]).max(initial=0.0))
 
 
 def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
@@ -225,58 +363,9 @@ def free_rows(tissue: Tissue) -> Ints:
     return np.flatnonzero(tissue.free & tissue.own)
 
 
-def last_state(states: Iterator[Solution]) -> SolverState | None:
-    """The state of the last solution without a fault."""
-    state = None
-    for each in states:
-        state = each.state if each.fault is None else state
-    return state
-
-
 def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool:
     """True if nothing is near at a time of a clip."""
     return tissue.is_clear(next(_poses(fold, tissue, clip, np.array([time]))).positions)
-
-
-def _states(
-    tissue: Tissue, posed_at: Callable[[Floats], Iterator[SkinnedPose]], times: Floats, start: SolverState | None
-) -> Iterator[SolverState]:
-    """March to the poses at (frames,) seconds, to each from the solved one that is nearest to it.
-
-    So a pose has about the same solution however a clip comes to it, and the march goes on after poses that do not
-    settle or are torn. A pose that is further from the nearest solved one than such a pose fails, too. Runs of poses
-    are skipped before and after which nothing is near.
-    """
-    solved, poses, steps = [] if start is None else [_Reached(start)], posed_at(times), Steps()
-    fault: str | None = None
-    touching = start is not None and bool(start.correction.any())
-    while ahead := list(islice(poses, _AHEAD)):
-        if not touching and tissue.is_clear(ahead[-1].positions):
-            yield from (SolverState(posed.positions, posed) for posed in ahead)
-            last = SolverState(ahead[-1].positions, ahead[-1])
-            if not solved or not solved[-1].stands_for(last):
-                solved.append(_Reached(last))
-            continue
-        for posed in ahead:
-            distances = [each.distance(posed) for each in solved]
-            apart = min(distances, default=0.0)
-            nearest = solved[distances.index(apart)] if solved else None
-            if (nearest is None or apart < nearest.reach) and steps.suffice:
-                (found,) = march(tissue, [posed], None if nearest is None else nearest.state)
-                if found.converged and found.correction.any() and tissue.tears(posed.positions, found.positions):
-                    found = replace(found, converged=False, fault=TORN)
-                steps.count(found)
-                fault = found.fault if steps.suffice else TOO_MANY_STEPS
-            elif tissue.is_clear(posed.positions):
-                found = SolverState(posed.positions, posed)
-            else:
-                found = SolverState(posed.positions, posed, converged=False, fault=fault)
-            if not found.converged and nearest is not None:
-                nearest.reach = min(nearest.reach, apart)
-            elif nearest is None or not nearest.stands_for(found):
-                solved.append(_Reached(replace(found, near=None)))
-            touching = not found.converged or bool(found.correction.any())
-            yield found
 
 
 @dataclass(slots=True)
