@@ -164,7 +164,6 @@ class Makeup:
         split: (triangles, 3) True if the authored normals at a corner differ, or are missing.
         boxed: (triangles, 3) True for a corner on an edge of a box.
         followed: (triangles, 3) the joint that a corner follows alone; -1 if it follows several.
-        radii: (triangles,) greatest distance of a corner from the centroid, scene units.
         corners: (triangles, 3) glTF vertices.
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
         mesh: Index of the mesh.
@@ -178,7 +177,6 @@ class Makeup:
     split: Bools
     boxed: Bools
     followed: Ints
-    radii: Floats
     corners: Ints
     vertex_starts: Ints
     mesh: int
@@ -217,7 +215,6 @@ def read_makeup(
         split[triangles],
         _boxed(surface.positions, normals, triangles, corners)[triangles],
         followed[triangles],
-        gauge.radii,
         corners,
         surface.vertex_starts,
         rig.mesh,
@@ -508,12 +505,6 @@ def _groups(keys: Ints) -> list[Ints]:
 def is_rigid(gauge: Gauge) -> bool:
     """True if a mesh is plates, each of which follows one joint."""
     return gauge.rig.skinned and bool((gauge.surface.weights.max(axis=1) >= _RIGID_WEIGHT).all())
-
-
-def facet_length(makeup: Makeup, weights: Floats) -> float:
-    """Length of the triangles' edges in a region that is shaded flat, scene units; 0 in a smooth one."""
-    # The edges of equilateral triangles with these radii.
-    return 3.0**0.5 * float(weights @ makeup.radii) if _is_faceted(makeup, weights) else 0.0
 
 
 def _is_faceted(makeup: Makeup, weights: Floats) -> bool:

@@ -70,7 +70,6 @@ class Candidate:
         target: (3,) the other end.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         material: None for a plain tool.
-        facet: Length of the triangles' edges if they are shaded flat, scene units; else 0.
         widest: Greatest width of the tool, scene units.
         longest: Greatest length of a straight tool, scene units.
         between: (points, 3) of a path between the ends; none for a straight tool.
@@ -91,7 +90,6 @@ class Candidate:
     target: Floats
     score: float
     material: MaterialName | None = None
-    facet: float = 0.0
     widest: float = math.inf
     longest: float = math.inf
     between: Floats = field(default_factory=lambda: np.zeros((0, 3)))

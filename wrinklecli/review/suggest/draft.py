@@ -11,15 +11,10 @@ import numpy as np
 from wrinklecli.choices import Part
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.tools.json_schema import readers_of
-from wrinklecli.tools.materials import Preset, preset_for, usual_bumps
+from wrinklecli.tools.materials import Preset, preset_for
 from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Greatest length of a bump over the tool's width, by material: wrinkles are several times as long as they are wide, in
-# cloth most.
-BUMP_OF_WIDTH = {"skin": 0.3, "cloth": 0.15, "leather": 0.3, None: 0.3}
-# Most bumps added to the usual number for that.
-_MORE_BUMPS = 3
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
 _WIDTH_OF_REGION = 1.4
 # The same for a region across x = 0, which is known as a whole and fades by itself.
@@ -27,8 +22,6 @@ _WIDTH_ACROSS = 1.15
 # The same for one on a trunk: wrinkles fade where its flanks turn away, and a narrower tool would end before them.
 _WIDTH_OF_TRUNK = 2.2
 _TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck")
-# Least |x| of the unit vector across a tool that stands beside its twin.
-_SIDE_BY_SIDE = 0.5
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
 # stored pose, and 1 % is visible.
 SLACK = 5
@@ -72,14 +65,8 @@ def pair_of(candidate: Candidate, stem: str, side: str) -> list[WrinkleTool]:
 
     The candidate is on the side that its driver's name has, else it is left for x > 0.
     """
-    region = candidate.region
-    width = width_of(candidate)
-    across = abs(float(np.cross(region.normal, region.along)[0]))
-    if across > _SIDE_BY_SIDE:
-        # Two bell curves whose middles are half a width apart add up to a constant height between them.
-        width = min(width, 4.0 * abs(float(region.centre[0])) / across)
-    here = tool_of(candidate, f"{stem}.L", width)
-    if (side or ("L" if region.centre[0] > 0 else "R")) == "R":
+    here = tool_of(candidate, f"{stem}.L", width_of(candidate))
+    if (side or ("L" if candidate.region.centre[0] > 0 else "R")) == "R":
         here = across_x(here, here.name)
     return [here, across_x(here, f"{stem}.R")]
 
@@ -122,14 +109,6 @@ def tool_of(candidate: Candidate, name: str, width: float) -> WrinkleTool:
     (a, b, c), *between, (d, e, f) = ([round(float(x), decimals(span)) + 0.0 for x in point] for point in points)
     chosen = preset_of(candidate)
     given = chosen.fields(readers_of(WrinkleTool)) if chosen else {}
-    usual = usual_bumps(candidate.material)
-    longest = BUMP_OF_WIDTH[candidate.material] * width
-    bumps = min(max(usual, round(span / longest)), usual + _MORE_BUMPS)
-    if chosen and "bumps" in chosen.keys:
-        bumps = chosen.bumps()
-    if candidate.facet:
-        # Among flat faces a bump that is shorter than a face looks like a step.
-        bumps = max(1, min(bumps, int(span / candidate.facet)))
     return WrinkleTool(
         name=name,
         node=candidate.mesh.node,
@@ -140,7 +119,6 @@ def tool_of(candidate: Candidate, name: str, width: float) -> WrinkleTool:
         **{
             **given,
             "width": Length(round(width, 1 - math.floor(math.log10(width)))),
-            "bumps": bumps,
             "rest_length": "auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
             # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
             "strategy": "everywhere",

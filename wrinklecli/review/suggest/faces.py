@@ -18,7 +18,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
-from wrinklecli.review.suggest.draft import BUMP_OF_WIDTH, across_x, tool_of, width_of
+from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
 from wrinklecli.review.suggest.face_parts import Face, read_face
 from wrinklecli.review.suggest.face_targets import (
     COLUMNS,
@@ -49,6 +49,8 @@ _REGION_LOSS = 0.5
 _FEWEST_SITES = 4
 # Highest point of a wrinkle of a face relative to its width: a young one's are low. A neck has the material's.
 _BUMP_HEIGHT = 0.1
+# Greatest length of a bump over the tool's width: lines are several times as long as they are wide.
+_BUMP_OF_WIDTH = 0.3
 # Part of a region's loss left out at either end when its extent is measured.
 _TAIL = 0.03
 # Poses of the motion of a target, which is even, and of a clip: per second, and at most.
@@ -191,7 +193,7 @@ def _longest(face: Face, region: FaceRegion) -> float:
 def _narrowest(region: FaceRegion, candidate: Candidate) -> float:
     """Least width of a tool, scene units: lines that are shorter for their width look like dents."""
     length = float(np.linalg.norm(candidate.target - candidate.origin))
-    return length / (BUMP_OF_WIDTH["skin"] * (1 if region.furrow else usual_bumps("skin")))
+    return length / (_BUMP_OF_WIDTH * (1 if region.furrow else usual_bumps("skin")))
 
 
 def _within(face: Face, ends: tuple[Floats, Floats], longest: float) -> tuple[Floats, Floats]:
@@ -311,9 +313,7 @@ def _fit_tool(
         return f"{best.clip.name} hardly shortens the skin there"
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
-    made = with_rising_bumps(mesh, patches, also, height=_BUMP_HEIGHT if candidate.by_morph else None)
-    if made is None:
-        return f"a surface is in the way where {name} compresses the skin"
+    made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT if candidate.by_morph else None)
     return Suggestion(
         tool=made[0],
         mirrored=len(made) == 2,

@@ -25,7 +25,6 @@ from wrinklecli.review.suggest.shortening import (
     attached,
     greatest,
     shortenings_of,
-    with_lower_bumps,
     with_rising_bumps,
 )
 from wrinklecli.surface.path import Curve
@@ -49,17 +48,10 @@ _LEAST_SCORE = 0.02
 LEAST_BY_MORPH = 0.04
 # Median angle between a straight tool and the strongest compression from which a path is tried, degrees.
 _ASKEW = 10.0
-# Greatest such angle of the path over that of the straight tool, unless the path has less than `_ASKEW`.
-_BETTER = 0.7
 # Least height at a place whose direction counts for that angle, as a part of the tool's height.
 _PRESENT = 0.25
-# Least shortening of a path over that of the straight tool, measured along the skin: with less, the path runs beside
-# the crease, as in the hollow of a knee, and its bumps would be small.
-_AS_SHORT = 0.75
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
-# Least width of a path over the straight tool's.
-_LEAST_WIDTH = 0.6
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
 _BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
 # Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
@@ -295,15 +287,13 @@ class _Search:
 
     def _suggested(
         self, candidate: Candidate, patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]]
-    ) -> _Fitted | None:
-        """A tool, or a pair whose first one is written; None if there is no room for its bumps."""
+    ) -> _Fitted:
+        """A tool, or a pair whose first one is written."""
         mesh, driver, best = candidate.mesh, candidate.driver, greatest(shortenings[0])
         every = [
             found | shortenings_of(mesh, patch, self.further) for patch, found in zip(patches, shortenings, strict=True)
         ]
-        tools = with_rising_bumps(mesh, patches, every)
-        if tools is None:
-            return None
+        tools = with_rising_bumps(patches, every)
         twin = greatest(shortenings[1]) if len(tools) == 2 else None
         suggestion = Suggestion(
             tool=tools[0],
@@ -325,13 +315,13 @@ class _Search:
             twin_clip="" if twin is None else twin.clip.name,
             one_sided=twin is not None and 100.0 * twin.ratio < SLACK,
         )
-        lower = [with_lower_bumps(patches, tools, every, part) for part in _LOWER]
-        others = [replace(suggestion, tool=found[0]) for found in lower if found is not None]
+        usual = patches[0].tool.bump_height
+        lower = [with_rising_bumps(patches, every, height=part * usual)[0] for part in _LOWER]
+        others = [replace(suggestion, tool=tool) for tool in lower if tool != suggestion.tool]
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
             wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
-            found = None if wide is None else with_rising_bumps(mesh, wide, every)
-            if found is not None:
-                others.append(replace(suggestion, tool=found[0], own_profile=True))
+            if wide is not None:
+                others.append(replace(suggestion, tool=with_rising_bumps(wide, every)[0], own_profile=True))
         return _Fitted(replace(suggestion, others=tuple(others)), patches)
 
 
@@ -431,23 +421,13 @@ def _curved(refined: _Refined) -> Candidate:
         return candidate
     tensors = _tensors(mesh, moment)
     askew = _misalignment(mesh, straight.regions[0], tensors)
-    if askew < _ASKEW:
+    traced = _traced(candidate, tensors) if askew > _ASKEW else None
+    if traced is None:
         return candidate
-    best, least = candidate, max(_BETTER * askew, min(_ASKEW, askew))
-    for _ in range(2):
-        traced = _traced(candidate, tensors)
-        if traced is None:
-            break
-        curved, patch = traced
-        # A path is shortest at another time than the straight line between its ends.
-        moment, before = greatest(shortenings_of(mesh, patch)), moment
-        tensors = _tensors(mesh, moment)
-        angle = _misalignment(mesh, patch.regions[0], tensors)
-        if angle < least:
-            best, least = curved, angle
-        if least < _ASKEW or (moment.clip is before.clip and moment.time == before.time):
-            break
-    return best
+    curved, patch = traced
+    # A path is shortest at another time than the straight line between its ends.
+    best = greatest(shortenings_of(mesh, patch))
+    return curved if _misalignment(mesh, patch.regions[0], _tensors(mesh, best)) < askew else candidate
 
 
 def _tensors(mesh: MeasuredMesh, moment: Shortening) -> Floats:
@@ -495,16 +475,9 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[
         return None
     curved = replace(curved, widest=2.0 * _OF_RADIUS * path.sharpest[0])
     patch = _probe(curved)
-    if patch is None or width_of(curved) < _LEAST_WIDTH * width_of(candidate):
+    if patch is None:
         return None
-    # The straight tool, measured as a path is: from point to point over the skin.
-    parts = np.linspace(0.0, 1.0, len(points))[1:-1, None]
-    over = [mesh.rest.foot(place)[0] for place in candidate.origin + parts * (candidate.target - candidate.origin)]
-    straight = _probe(replace(candidate, between=np.array(over)), width_of(candidate))
-    least = _least_shortening(candidate)
-    if straight is not None:
-        least = max(least, _AS_SHORT * greatest(shortenings_of(mesh, straight)).ratio)
-    return (curved, patch) if greatest(shortenings_of(mesh, patch)).ratio >= least else None
+    return (curved, patch) if greatest(shortenings_of(mesh, patch)).ratio >= _least_shortening(candidate) else None
 
 
 def _least_shortening(candidate: Candidate) -> float:

@@ -25,7 +25,7 @@ from wrinklecli.surface.path import Path
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import Peaks, at_sites, find_peaks, spread_sites
 from wrinklecli.surface.strain import read_gauge
-from wrinklecli.surface.substance import facet_length, read_makeup, substance_of
+from wrinklecli.surface.substance import read_makeup, substance_of
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import preset
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -93,8 +93,7 @@ class ToolGuesser:
             width = float(np.clip(width_of(candidate), _NARROWEST * span, _WIDEST * span))
             tool = replace(tool_of(candidate, tool.name, width), origin=tool.origin, target=tool.target)
         patches = attached(self._mesh, [tool])
-        found = patches and with_rising_bumps(self._mesh, patches, [shortenings_of(self._mesh, patches[0])])
-        return found[0] if found else tool
+        return with_rising_bumps(patches, [shortenings_of(self._mesh, patches[0])])[0] if patches else tool
 
     def _with_material(self, tool: WrinkleTool, region: Region) -> WrinkleTool:
         """Give a tool the material of the triangles of its region."""
@@ -122,7 +121,7 @@ class ToolGuesser:
     def _candidate(self, region: CompressedRegion, deepest: Shortening, origin: Floats, target: Floats) -> Candidate:
         mesh, makeup = self._mesh, self._makeup
         weights = triangle_weights(mesh.sites, region)
-        substance, facet = substance_of(makeup, weights), facet_length(makeup, weights)
+        substance = substance_of(makeup, weights)
         return Candidate(
             mesh,
             region,
@@ -132,7 +131,6 @@ class ToolGuesser:
             target,
             0.0,
             substance.material,
-            facet,
             substance=substance,
         )
 

@@ -11,7 +11,6 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
-from wrinklecli.choices import Scheme
 from wrinklecli.errors import log_findings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -171,7 +170,6 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         chosen, reasons, hard = choose_candidates(tried, candidates, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
-        flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
         fitted = fit_tools(chosen, generated)
         levels = [each.levels for each in fields]
         reason = ""
@@ -192,11 +190,10 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         else:
             least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
             reason = _joined([*hard, least])
-        scheme: Scheme = "midpoint" if flat else "butterfly"
         found = worthwhile(
             tried,
             fitted,
-            RefinementSettings(scheme=scheme, max_levels=max([RefinementSettings().max_levels, *levels])),
+            RefinementSettings(max_levels=max([RefinementSettings().max_levels, *levels])),
             count=options.count,
             budget=budget,
             everything=options.everything,
