@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from kit.asset import Asset, attribute, plate, stored
-from kit.limb import RADIUS, flat_limb, limb_asset
+from kit.limb import RADIUS, limb_asset
 from kit.prepared import unattached
 from kit.suggested import ends, middle
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.moved import Motions, moved
+from wrinklecli.choices import Part
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.choice import rims_of
+from wrinklecli.review.suggest.choice import is_limb, rims_of
 from wrinklecli.review.suggest.expressions import joined_expressions
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.sites import spread_sites
@@ -315,12 +316,21 @@ def test_the_inner_side_of_a_tube_that_tapers_is_left_out(tmp_path: Path) -> Non
     assert any("unseen" in note or "hidden" in note for note in found.notes)
 
 
-@pytest.mark.slow
-def test_low_poly_faces_get_no_bumps_shorter_than_they_are(tmp_path: Path) -> None:
-    smooth, flat = (make(rings=12, sides=8, angle=60.0) for make in (limb_asset, flat_limb))
-    usual, fewer = (suggested(tmp_path, each, count=1, everything=True).tools[0] for each in (smooth, flat))
-    assert fewer.tool.bumps < usual.tool.bumps
-    assert fewer.span / fewer.tool.bumps > 2.0 / 12
+@pytest.mark.parametrize(
+    ("part", "parts", "limb"),
+    [
+        ("lower leg", ("hips", "lower leg", None), True),
+        ("neck", ("hips", "neck"), False),
+        ("neck", ("neck",), False),
+        (None, ("hips", "lower leg", None), False),
+        (None, (None, "hips", "neck"), True),
+    ],
+)
+def test_a_joint_of_no_part_folds_where_no_limb_is_known(
+    part: Part | None, parts: tuple[Part | None, ...], limb: bool
+) -> None:
+    """On a body with named limbs such a joint is that of hair, a strap or a tail."""
+    assert is_limb(part, parts) is limb
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.substance import (
     Makeup,
     PrimitiveHints,
-    facet_length,
+    Substance,
     find_bare_skin,
     is_animal,
     read_hints,
@@ -53,11 +53,16 @@ _OPPOSITE = -0.3
 _FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "finger", "upper leg", "lower leg", "toes"))
 
 
-def why_unfolded(name: str, part: Part | None) -> str:
-    """Say why an artist wrinkles nothing where a joint, of a part of a body, or a morph target moves; empty if not."""
+def why_unfolded(name: str, *, limb: bool) -> str:
+    """Say why an artist wrinkles nothing where a joint or a morph target moves; empty if not."""
     if _SLIDING.search(words_of(name)):
         return "where something slides or swells, such as lips, lids, ears and hair"
-    return "where no limb folds, as one does at an elbow or a knee" if part and part not in _FOLDING else ""
+    return "" if limb else "where no limb folds, as one does at an elbow or a knee"
+
+
+def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
+    """True for joints of parts that fold. Those of no part, such as hair's, fold where no elbow or knee is known."""
+    return part in _FOLDING or (part is None and "lower arm" not in parts and "lower leg" not in parts)
 
 
 def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> list[Clip]:
@@ -71,8 +76,9 @@ def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> 
     found = []
     for clip in clips:
         ((node, path), *_) = clip.by_target
-        name, part = (clip.name, None) if path == "weights" else (names[node], None if animal else parts[node])
-        if not why_unfolded(name, part):
+        by_morph = path == "weights"
+        limb = by_morph or animal or is_limb(parts[node], parts)
+        if not why_unfolded(clip.name if by_morph else names[node], limb=limb):
             found.append(clip)
     return found
 
@@ -94,7 +100,7 @@ def choose_candidates(
     pictures = Pictures(document)
     chosen: list[Candidate] = []
     hard: dict[str, None] = {}
-    kinds: dict[str, dict[str, None]] = {}
+    made_of: dict[str, dict[str, Substance]] = {}
     left_out: dict[str, list[str]] = {}
     for each in _judged(asset, candidates, options, pictures):
         assert each.substance is not None
@@ -105,8 +111,13 @@ def choose_candidates(
                 hard[f"{where} is {each.substance.stiff}"] = None
         else:
             chosen.append(each)
-            kinds.setdefault(each.substance.words, {})[where] = None
-    lines = [f"{listed(meshes)}: {words}" for words, meshes in kinds.items()]
+            kinds = made_of.setdefault(where, {})
+            known = kinds.setdefault(each.substance.kind, each.substance)
+            kinds[each.substance.kind] = max(known, each.substance, key=lambda substance: substance.confidence)
+    alike: dict[str, list[str]] = {}
+    for where, kinds in made_of.items():
+        alike.setdefault("; ".join(substance.words for substance in kinds.values()), []).append(where)
+    lines = [f"{listed(meshes)}: {words}" for words, meshes in alike.items()]
     lines += [
         f"{listed(dict.fromkeys(meshes))}: left out {counted(len(meshes), 'fold')}: {why}; --all takes all"
         for why, meshes in left_out.items()
@@ -161,14 +172,15 @@ def _judged(
         # Instances share a surface, but the names of their nodes may say what each is made of.
         makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
-        fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, part)
+        limb = each.by_morph or animal or is_limb(part, bones.parts)
+        fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"
         if not fault:
             if region not in covered:
                 covered[region] = is_covered(mesh, layers, weights, each.clip, each.time)
             fault = "under another layer where it folds" if covered[region] else ""
-        found = replace(each, material=substance.material, facet=facet_length(makeup, weights), part=part, place=place)
+        found = replace(each, material=substance.material, part=part, place=place)
         yield replace(found, substance=substance, presets=known, fault=fault)
 
 
