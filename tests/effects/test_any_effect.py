@@ -20,8 +20,7 @@ from wrinklecli.character.clip import KEY_GAP
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.choices import EFFECTS
 from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions
-from wrinklecli.effects.order import kind_of
-from wrinklecli.effects.plan import attach_one, patch_parts, sketch, skin_parts
+from wrinklecli.effects.plan import attach_one, kind_of, patch_parts, sketch, skin_parts
 from wrinklecli.effects.sampling import play_parts, reader, sample_effects, seen_at
 from wrinklecli.numeric.guard import log_progress
 from wrinklecli.surface.ground import read_ground

@@ -10,7 +10,7 @@ from kit.prepared import prepare
 from wrinklecli.character.pose import blend, joint_matrices, transform
 from wrinklecli.effects.faults import count_turned_over, deepest_moment, turned_over
 from wrinklecli.effects.sampling import seen_at
-from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.effects.wrinkle.layer import WrinklePart
 from wrinklecli.numeric.arrays import face_normals, unit, vertex_normals
 
 

@@ -15,9 +15,15 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.baking.baked_body import BakedBody, BakedPart, count_named, read_bodies, wrinkle_targets
-from wrinklecli.baking.driven_body import DrivenBody, joints_of, present_drives, with_own_weights
+from wrinklecli.baking.driven_body import (
+    DrivenBody,
+    joints_of,
+    node_for_tracks,
+    present_drives,
+    targets_there,
+    with_own_weights,
+)
 from wrinklecli.baking.morphs import encode_track
-from wrinklecli.baking.track_node import node_for_tracks, targets_there
 from wrinklecli.character.anims import NamedNodes, matched_without_prefixes
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS

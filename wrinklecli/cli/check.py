@@ -107,7 +107,7 @@ def _emit_tables(data: dict[str, Any], *, verbose: bool) -> None:
         emit(f"note: {note}")
         emit("")
     from wrinklecli.choices import EFFECTS
-    from wrinklecli.effects.order import kind_of
+    from wrinklecli.effects.plan import kind_of
 
     effects = [(kind_of(section), effect) for section in EFFECTS for effect in data.get(section, ())]
     rows = [

@@ -48,8 +48,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.drive.point import point_json, read_point
-from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension
+from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension, point_json, read_point
 from wrinklecli.drive.stored import Json, read_number, read_numbers, read_strengths, stored, strengths_json
 from wrinklecli.drive.table import Response, Weights, read_table, split
 from wrinklecli.frozen import dataclass

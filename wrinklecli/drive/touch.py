@@ -45,7 +45,7 @@ from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carr
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.point import point_json, read_point
+from wrinklecli.drive.segment import point_json, read_point
 from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants

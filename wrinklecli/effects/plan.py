@@ -1,8 +1,10 @@
 """The effects of a mesh, planned: attached at rest, refined once, then layer by layer on the refined mesh."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 
 import numpy as np
 
@@ -10,9 +12,9 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.surface import influence_count
+from wrinklecli.choices import EFFECTS
 from wrinklecli.effects.attached import AnyAttached, Attached
-from wrinklecli.effects.effect import MeshPlan, Part, ToolType
-from wrinklecli.effects.order import kind_of, kinds_of
+from wrinklecli.effects.effect import EffectKind, MeshPlan, Part, ToolType
 from wrinklecli.errors import BakeError, WrinkleError, listed
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, determinants, median
@@ -26,6 +28,20 @@ from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 _FLOAT32_STEPS = 8
 # Part of the error bound for pruned skin weights. Weights between keys get the rest: see `effects.sampling`.
 _PRUNING_SHARE = 0.5
+
+
+@cache
+def kind_of(section: str) -> EffectKind[EffectTool, AnyAttached]:
+    """The kind whose effects stand in a section."""
+    folder, _ = EFFECTS[section]
+    kind: EffectKind[EffectTool, AnyAttached] = import_module(f"wrinklecli.effects.{folder}.layer").KIND
+    return kind
+
+
+def kinds_of(tools: Iterable[EffectTool]) -> dict[str, EffectKind[EffectTool, AnyAttached]]:
+    """The kinds of effects that act for some tools, in their order, by their sections."""
+    sections = {section for tool in tools for section in tool.sections}
+    return {section: kind_of(section) for section in EFFECTS if section in sections}
 
 
 def plan_mesh(

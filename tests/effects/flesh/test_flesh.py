@@ -342,7 +342,7 @@ def test_a_bake_without_flesh_imports_none_of_it() -> None:
     import subprocess
     import sys
 
-    code = "import sys, wrinklecli.effects.order; print('scipy' in sys.modules)"
+    code = "import sys, wrinklecli.effects.plan; print('scipy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
 
 

@@ -14,7 +14,7 @@ from wrinklecli.effects.wrinkle import creases
 from wrinklecli.effects.wrinkle.bending import turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.creases import creased
-from wrinklecli.effects.wrinkle.part import WrinklePart
+from wrinklecli.effects.wrinkle.layer import WrinklePart
 from wrinklecli.surface.refine import Refinement
 
 # Scene units along the limb, whose radius is 0.25, over which skin weights change: a cut for a robot, and for skin.

@@ -8,8 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.reach import Reach
+from wrinklecli.effects.wrinkle.patch import Patch, Reach
 from wrinklecli.errors import BakeError
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, face_normals, unit
 from wrinklecli.numeric.edges import Edges

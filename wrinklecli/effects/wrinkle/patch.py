@@ -16,13 +16,13 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.lookup import fitting_compressible, group_starts
 from wrinklecli.effects.wrinkle.places import Places, bowed
-from wrinklecli.effects.wrinkle.reach import Reach
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.features import Nearest
 from wrinklecli.surface.mask import Mask
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
@@ -36,6 +36,32 @@ _LOW = 0.05
 _LINE_POINTS = 24
 # Stretches of a path's map between which displacement fades in. On the inside of a bend wrinkles would meet at 0.
 _UNFOLDED = (0.2, 0.6)
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The reach of the wrinkles of a tool.
+
+    Attributes:
+        nearest: The features near the patch; None if there are none.
+        fade: Distance from a feature below which heights fade, scene units.
+        detours: (coarse vertices,) 0 for places that are connected with the tool straight over the surface, rising to 1
+            for other parts of the body that are only near in space; None if there are none.
+    """
+
+    nearest: Nearest | None
+    fade: float
+    detours: Floats | None
+
+    def at(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats:
+        """(vertices,) factors at fine vertices with (vertices, 3) world positions, in the pose of the features."""
+        left = np.ones(len(vertices))
+        if self.nearest is not None:
+            distances = self.nearest.distances(subdivision.triangles, subdivision.parents, vertices, places)
+            left *= smoothstep(np.minimum(distances / self.fade, 1.0))
+        if self.detours is not None:
+            left *= 1.0 - smoothstep(subdivision.interpolate(self.detours[:, None])[vertices, 0])
+        return left
 
 
 @dataclass(frozen=True, slots=True)

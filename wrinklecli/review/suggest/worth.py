@@ -17,7 +17,7 @@ from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.choices import Part
 from wrinklecli.effects.faults import departure_warnings, turned_warnings
-from wrinklecli.effects.order import kind_of
+from wrinklecli.effects.plan import kind_of
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
