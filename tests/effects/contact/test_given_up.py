@@ -59,19 +59,21 @@ def assert_no_higher(folder: Path, off: bytes, given_up: bytes, line: str, fold:
         assert "`contact: off` is the same without this line" in line
         return
     (height,) = fold["heights"].values()
-    assert (
-        f"; its wrinkles are lowered to {100 * height:.0f} % in the mean, to cross no more than the skin does" in line
-    )
+    assert f"; its wrinkles are lowered to {100 * height:.0f} % in 'fold', to cross no more than the skin does" in line
     bodies = [Gltf(folder / f"{name}.glb") for name in ("off", "resolve")]
     assert bodies[0].mesh("limb")["extras"] == bodies[1].mesh("limb")["extras"]
-    before, after = (each.deltas("limb") for each in bodies)
-    sizes, lower = np.linalg.norm(before, axis=2), np.linalg.norm(after, axis=2)
-    assert (lower <= sizes + 1e-7).all()
-    assert lower.sum() == pytest.approx(height * sizes.sum(), rel=0.2)
-    # They are lower, and point the same way.
-    assert np.sum(before * after, axis=2) == pytest.approx(sizes * lower, abs=1e-6)
+    assert np.array_equal(*(each.deltas("limb") for each in bodies))
+    assert_lower(*(each.weights("limb", "fold", np.linspace(0.0, 2.0, 81)) for each in bodies), height)
     totals = [crossings(folder / f"{name}.glb").data["clips"][0]["totals"] for name in ("off", "resolve")]
     assert totals[1][-1] < totals[0][-1]
+
+
+def assert_lower(off: np.ndarray, lowered: np.ndarray, height: float) -> None:
+    """(frames, targets) weights are the same, or lower down to a part of them, and are lower somewhere."""
+    slack = 0.01 * off.max()  # either is within a hundredth
+    assert (lowered <= off + slack).all()
+    assert (lowered >= height * off - slack).all()
+    assert (lowered < off - slack).any()
 
 
 @pytest.mark.slow
@@ -254,12 +256,12 @@ def test_wrinkles_that_are_projected_in_each_frame_are_lowered_too(
     sizes, lower = np.linalg.norm(off, axis=2), np.linalg.norm(lowered, axis=2)
     slack = 0.02 * sizes.max()  # both are within a hundredth of the method
     assert (lower <= sizes + slack).all()
-    # A displacement points the same way, and is lower by the same factor at a vertex at all times.
+    # A displacement points the same way, and all are lower by the same factor at a time.
     assert np.sum(off * lowered, axis=2) == pytest.approx(sizes * lower, abs=slack * sizes.max())
-    tall = sizes.max(axis=0) > 0.3 * sizes.max()
-    factors = (sizes * lower).sum(axis=0)[tall] / (sizes**2).sum(axis=0)[tall]
+    tall = sizes.max(axis=1) > 0.3 * sizes.max()
+    factors = (sizes * lower).sum(axis=1)[tall] / (sizes**2).sum(axis=1)[tall]
     assert tall.any()
-    assert np.abs(lower[:, tall] - factors * sizes[:, tall]).max() < slack
+    assert np.abs(lower[tall] - factors[:, None] * sizes[tall]).max() < slack
     assert factors.min() < 0.9
     totals = [crossings(tmp_path / f"{name}.glb").data["clips"][0]["totals"] for name in ("off", "resolve")]
     assert totals[1][-1] < totals[0][-1]

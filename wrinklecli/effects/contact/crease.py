@@ -207,6 +207,11 @@ class Crease(Surface):
         """(shapes,) greatest move of a vertex at weight 1, bind units."""
         return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
+    @property
+    def counting(self) -> Bools:
+        """(vertices,) True for those that contact or the fold's tools may move."""
+        return (self.tissue.free & self.tissue.own) | self.fold.raised
+
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip, each pose for itself.
 

@@ -19,7 +19,6 @@ from wrinklecli.numeric.arrays import Floats, significant
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
-    from wrinklecli.effects.contact.fold import Fold
 
 
 SECTION = "folds"
@@ -225,18 +224,21 @@ class GivenUpWords:
         joint: Name of the joint that bends it, if one does.
         given_up: The reason, and where it showed.
         beside: Names of the tools of other folds that move the same vertices, or that touch it in a clip.
-        fold: The surface round the joint.
-        heights: The part of their height that is left of those of its tools that are lowered, so that they cross no
-            more than the skin does, by their names.
+        heights: By the names of clips, the parts of their height that the tools keep over time, so that they cross no
+            more than the skin does; 1 in other clips.
     """
 
     tools: tuple[str, ...]
     joint: str | None
     given_up: GivenUp
     beside: tuple[str, ...]
-    fold: "Fold"
-    heights: Mapping[str, float] = field(default_factory=dict)
+    heights: Mapping[str, Rows] = field(default_factory=dict)
     remedy: str = ""
+
+    @property
+    def height(self) -> float:
+        """The least of these parts."""
+        return min((float(each.weights.min()) for each in self.heights.values()), default=1.0)
 
     def summary(self, effects: int, _targets: int) -> str:
         """Count the folds that are given up."""
@@ -249,7 +251,7 @@ class GivenUpWords:
             "clip": None,
             "joint": self.joint,
             "given_up": asdict(self.given_up),
-            "heights": {name: significant(height) for name, height in self.heights.items()},
+            "heights": {name: significant(self.height) for name in self.tools if self.heights},
             "targets": [],
         }
 
@@ -277,8 +279,10 @@ class GivenUpWords:
         elif self.beside:
             hint = f"nor is it resolved together with that of {listed(self.beside)}, which it touches"
         if self.heights:
-            mean = 100 * sum(self.heights.values()) / len(self.heights)
-            hint += f"; its wrinkles are lowered to {mean:.0f} % in the mean, to cross no more than the skin does"
+            hint += (
+                f"; its wrinkles are lowered to {100 * self.height:.0f} % in {listed(self.heights)}, to cross no more"
+                " than the skin does"
+            )
         else:
             hint += "; `contact: off` is the same without this line"
         fold = "this fold" if self.joint is None else f"this fold at {self.joint}"

@@ -2,7 +2,7 @@
 
 A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So such a
 pose does not count: see module `remaining` for what is shown there. A fold in whose own motion no pose counts beyond
-30° gets no contact at all. Its wrinkles are lowered: see module `lowering`.
+30° gets no contact at all.
 """
 
 from collections.abc import Iterator

@@ -2,7 +2,8 @@
 
 A pose with a fault has the weights of the last good one (`Crease.follow`). Where poses with a fault that follow each
 other cross more than the skin alone, they lose contact, or their wrinkles are lowered; contact that tears the surface
-is lost, too. All other poses keep what they have, and it fades between.
+is lost, too. All other poses keep what they have, and it fades between. A fold
+that is given up has no contact in any pose; its wrinkles are lowered alike.
 
 What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
@@ -18,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.fold import FAINT
+from wrinklecli.drive.drive import Rows
+from wrinklecli.effects.contact.fold import FAINT, Fold
 from wrinklecli.effects.contact.given_up import WORSE
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.frozen import dataclass
@@ -33,6 +35,11 @@ on, players count turns as others (`drive.table`)."""
 # Least number of edges in a frame that count: where two surfaces cross, the line in which they do passes through one at
 # either end. A single one is owed to rounding, where flat triangles touch.
 _LEAST = 2
+# Frames of a run, evenly spread, by which its state is chosen, at most: with all of them, a sleeve that leaves no room
+# took a quarter of the time of its clip.
+_LOOKS = 8
+# Moments of a clip at which crossings are counted in a fold without contact, evenly spread, at most.
+_MOMENTS = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +110,7 @@ def shown_in(
     """
     clip, times = followed[0].clip, followed[0].times
     moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
-    looks = [_Look(crease, clip, times, tuple(moves), tuple(beside)) for crease in creases]
+    looks = [_Look(each.fold, each.counting, clip, times, tuple(moves), tuple(beside)) for each in creases]
     strides = np.stack([each.fold.hinge.strides(each.fold.rig, clip, times) for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
     torn = [each.faulty_frames(clip, times, acting, [*beside, *moves]) for each in creases]
@@ -115,17 +122,8 @@ def shown_in(
         for each, broken, more in zip(followed, torn, worse, strict=True)
     ]
     broken = {frame for each in torn for frame in each}
-    # While contact fades, the surface passes through itself; if the skin alone crosses less, the clip gets none.
-    for bad in (np.array(sorted({frame for each in faults for frame in each}), np.intp), acting):
-        whole, low = np.ones(len(times)), np.ones(len(times))
-        # Poses that follow each other get the same state.
-        for run in np.split(bad, 1 + np.flatnonzero(np.diff(bad) > 1)):
-            near = nearness(strides, run)
-            contact, height = _state(looks, run, keep=bad is not acting and broken.isdisjoint(run.tolist()))
-            whole, low = np.minimum(whole, 1.0 - (1.0 - contact) * near), np.minimum(low, 1.0 - (1.0 - height) * near)
-        left = [look.crossings(acting, whole, low) for look in looks]
-        if all(_no_worse(look, found, acting) for look, found in zip(looks, left, strict=True)):
-            break
+    bad = np.array(sorted({frame for each in faults for frame in each}), np.intp)
+    whole, low, left = _faded(looks, strides, bad, acting, broken)
     made = [
         replace(each, weights=whole[:, None] * each.weights, faults=dict(sorted(own.items())))
         for each, own in zip(followed, faults, strict=True)
@@ -134,12 +132,55 @@ def shown_in(
     return Shown(tuple(made), low, tuple(remaining))
 
 
+def heights_without(fold: Fold, clip: Clip) -> Rows:
+    """The parts of their height that the wrinkles of a fold without contact keep in a clip.
+
+    With these they cross no more than the skin alone.
+    """
+    times = distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))
+    look, frames = _Look(fold, fold.raised, clip, times), np.arange(len(times))
+    bad = np.flatnonzero(look.worse(look.crossings(frames, 0.0, 1.0)))
+    _, low, _ = _faded([look], fold.hinge.strides(fold.rig, clip, times)[None], bad, frames, {*range(len(times))})
+    return Rows(times, low[:, None])
+
+
+def _faded(
+    looks: "Sequence[_Look]", strides: Floats, bad: Ints, acting: Ints, broken: set[int]
+) -> tuple[Floats, Floats, list[Ints]]:
+    """Let contact and wrinkles fade beside bad frames.
+
+    Args:
+        looks: The folds.
+        strides: (folds, frames) strides of their joints.
+        bad: The frames with a fault.
+        acting: All in which contact acts, or has a fault.
+        broken: Those in which contact is not to be kept.
+
+    Returns:
+        (frames,) parts of contact, (frames,) parts of the height of wrinkles, and for each fold the (frames,) crossings
+        under these.
+    """
+    # While contact fades, the surface passes through itself; if the skin alone crosses less, the clip gets none.
+    for chosen in (bad, acting):
+        whole, low = np.ones(strides.shape[1]), np.ones(strides.shape[1])
+        # Poses that follow each other get the same state.
+        for run in np.split(chosen, 1 + np.flatnonzero(np.diff(chosen) > 1)):
+            near = nearness(strides, run)
+            contact, height = _state(looks, run, keep=chosen is bad and not broken & {*run.tolist()})
+            whole, low = np.minimum(whole, 1.0 - (1.0 - contact) * near), np.minimum(low, 1.0 - (1.0 - height) * near)
+        left = [look.crossings(acting, whole, low) for look in looks]
+        if all(_no_worse(look, found, acting) for look, found in zip(looks, left, strict=True)):
+            break
+    return whole, low, left
+
+
 def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float, float]:
     """The parts of contact and of the wrinkles' height in some frames, with which no fold crosses more than its skin.
 
     Wrinkles keep as much of their height as they can, and contact is kept where it does not ask for less: held in a
     deep pose, it takes volume away. It is whole or 0, and 0 if it is not to `keep`.
     """
+    frames = frames[distinct_values(np.linspace(0, len(frames), _LOOKS, endpoint=False).astype(int))[: len(frames)]]
     heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
     states = ((contact, height) for height in heights.tolist() for contact in (1.0, 0.0)[not keep :])
     return next(
@@ -157,29 +198,25 @@ class _Look:
     """A fold in the frames of a clip.
 
     Attributes:
-        crease: The fold.
+        fold: The fold.
+        counting: (vertices,) True for those that contact or the fold's tools may move.
         clip: The clip.
         times: (frames,) seconds at which it was marched.
         moves: The moves by contact of the folds that are solved together.
         beside: Those of folds that are solved before.
     """
 
-    crease: "Crease"
+    fold: Fold
+    counting: Bools
     clip: Clip
     times: Floats
-    moves: "tuple[Moves, ...]"
-    beside: "tuple[Moves, ...]"
-
-    @property
-    def _counting(self) -> Bools:
-        """(vertices,) True for those that contact or the fold's tools may move."""
-        return (self.crease.tissue.free & self.crease.tissue.own) | self.crease.fold.raised
+    moves: "tuple[Moves, ...]" = ()
+    beside: "tuple[Moves, ...]" = ()
 
     @cached_property
     def _still(self) -> set[tuple[int, int]]:
         """The edges and triangles that cross at rest."""
-        fold = self.crease.fold
-        return fold.crossings.pairs_at(fold.rest_positions, self._counting)
+        return self.fold.crossings.pairs_at(self.fold.rest_positions, self.counting)
 
     @cached_property
     def _known(self) -> dict[tuple[int, float, float], int]:
@@ -195,11 +232,11 @@ class _Look:
         asked = [*zip(frames.tolist(), contacts, heights, strict=True)]
         for part, low in {key[1:] for key in asked if key not in self._known}:
             moves = [replace(each, shapes=part * each.shapes) for each in self.moves] if part else []
-            fold = self.crease.fold if low == 1.0 else self.crease.fold.at_height(low)
+            fold = self.fold if low == 1.0 else self.fold.at_height(low)
             fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
             fresh = [key[0] for key in asked if key[1:] == (part, low) and key not in self._known]
             for frame, (positions, _) in zip(fresh, fold.poses(self.clip, self.times[fresh]), strict=True):
-                count = len(self.crease.fold.crossings.pairs_at(positions, self._counting) - self._still)
+                count = len(self.fold.crossings.pairs_at(positions, self.counting) - self._still)
                 self._known[frame, part, low] = count if count >= _LEAST else 0
         found = np.zeros(len(self.times), np.intp)
         found[frames] = [self._known[key] for key in asked]
@@ -223,9 +260,9 @@ def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Float
     faulty, most, times = [*followed.faults], int(crossing.argmax()), look.times
     if not faulty and not crossing[most]:
         return None
-    degrees, hinge = None, look.crease.fold.hinge
+    degrees, hinge = None, look.fold.hinge
     if faulty and isinstance(hinge, Hinge):
-        turns = np.degrees(hinge.reading(look.crease.fold.rig, look.clip, times[faulty]).rows)
+        turns = np.degrees(hinge.reading(look.fold.rig, look.clip, times[faulty]).rows)
         degrees = (float(turns.min()), float(turns.max()))
     return Remaining(
         look.clip.name,

@@ -16,11 +16,10 @@ from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
-from wrinklecli.effects.contact.lowering import with_lowered_wrinkles
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
-from wrinklecli.effects.wrinkle.effect import WrinkleWords
+from wrinklecli.effects.wrinkle.effect import WrinkleWords, lowered_in_clips
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -89,11 +88,15 @@ def resolve_folds(
         shared = [*(fold for members in systems for fold, _ in members), *chosen.moving.values()]
         results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
         for members, solved in zip(systems, results, strict=True):
-            made += [_given_up(plan, fold, members, made, given_up) for fold, given_up in solved.given_up]
+            made += [_given_up(plan, fold, members, made, given_up, chosen) for fold, given_up in solved.given_up]
             made += _followed(plan, solved.spanned, chosen, made)
             done += len(members)
             how.progress("contact", done, len(folds))
-        return with_lowered_wrinkles(plan, made, clips, how)
+    numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
+    for words in [each.words for each in made if isinstance(each.words, (ContactWords, GivenUpWords))]:
+        for name in words.tools if words.heights else ():
+            made[numbers[name]] = lowered_in_clips(made[numbers[name]], words.heights)
+    return made
 
 
 def _refuse_large(
@@ -146,6 +149,11 @@ class _Clips:
     def moving(self) -> dict[int, Clip]:
         """The first clips with each motion, by their numbers."""
         return {number: self.every[number] for number in sorted(set(self.firsts))}
+
+    @property
+    def named(self) -> list[tuple[Clip, int]]:
+        """All clips, and the numbers of the first with their motions."""
+        return [*zip(self.every, self.firsts, strict=True)]
 
     def times_for(self, surfaces: "Sequence[Surface]", clip: Clip) -> Floats:
         """(frames,) seconds at which folds that are solved together are marched in a clip."""
@@ -319,13 +327,18 @@ def _given_up(
     members: "Sequence[tuple[Fold, Floats | None]]",
     effects: Sequence[Effect],
     given_up: GivenUp,
+    clips: _Clips,
 ) -> Effect:
     """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
+    from wrinklecli.effects.contact.remaining import heights_without
+
     joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
     tools = tuple(patch.tool.name for patch in fold.patches)
     beside = tuple(patch.tool.name for each, _ in members for patch in each.patches if patch.tool.name not in tools)
     name = _identifier(plan, fold, effects)
-    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, joint, given_up, beside, fold))
+    kept = {number: heights_without(fold, clip) for number, clip in clips.moving.items()}
+    heights = {clip.name: kept[first] for clip, first in clips.named if (kept[first].weights < 1.0).any()}
+    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, joint, given_up, beside, heights))
 
 
 class _Solver:
@@ -399,7 +412,7 @@ def _followed(
         beside = [each.crease.moves(each.followed[followed[0].clip.name]) for each in before]
         shown[first] = shown_in(creases, followed, beside)
     made: list[Effect] = []
-    named = [(clip.name, first) for clip, first in zip(clips.every, clips.firsts, strict=True)]
+    named = [(clip.name, first) for clip, first in clips.named]
     for number, crease in enumerate(creases):
         own = {first: each.followed[number] for first, each in shown.items()}
         for each in own.values():
