@@ -59,7 +59,6 @@ class Dropped:
         reason: A word for why.
         value: The number that decided.
         warning: The line of `check`, or of a bake that refuses it, or the memory, if that is the reason.
-        keep: The probability that an artist keeps it, or for facets the greatest possible; None if nobody looked.
     """
 
     name: str
@@ -67,7 +66,6 @@ class Dropped:
     reason: str
     value: float
     warning: str = ""
-    keep: float | None = None
 
     @classmethod
     def costly(cls, name: str, mesh: str, size: int) -> "Dropped":
@@ -181,7 +179,7 @@ def _tried(
         trial = Trial.of(asset, suggestion)
         best = Score.of(Merits(seen=1.0, crests=1.0, smooth=trial.smooth))
         if checked is not None and not best.is_kept:
-            return dropped(*best.reason, keep=best.keep), refinement
+            return dropped(*best.reason), refinement
         needed, placed = trial.placed(refinement)
     except BakeError as error:
         return dropped("refused", 0.0, error.lines[0]), refinement
@@ -215,7 +213,7 @@ def _judged(
     if look is None or judged.judgement is None:
         return dropped("not raised", 0.0)
     if not judged.judgement.is_kept:
-        return dropped(*judged.judgement.reason, keep=judged.judgement.keep)
+        return dropped(*judged.judgement.reason)
     if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(look.tallest):
         tool = replace(suggestion.tool, contact=Contact()) if kind_of("folds").is_installed else suggestion.tool
         judged = replace(judged, tool=tool, crossings=look.tallest.crossings)
