@@ -246,6 +246,7 @@ def test_a_row_switches_its_tool_a_place_shows_its_compression_and_shift_turns_t
             assert np.allclose(client.camera.position, eye), "the view is not turned"
             tab.press("l", code=76)
             until(lambda: all(light.visible for light in viewport._lights), "light from all sides")
+            assert tab.errors == []
     finally:
         page.close()
 
@@ -409,6 +410,35 @@ def test_another_asset_of_the_folder_is_opened_at_the_same_address(folder: Path,
             tab.press_text(name)
             tab.wait(f"document.body.innerText.includes({words!r})")
             take_picture(tab, f"opened_{name}")
+        assert tab.errors == []
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.parametrize("size", [(1280, 720), (800, 600), (480, 800)], ids=lambda size: str(size[0]))
+def test_nothing_covers_the_panel_however_small_the_page_is(size: tuple[int, int], tmp_path: Path) -> None:
+    asset, tools = (shutil.copy(ROOT / each, tmp_path) for each in ("samples/wrist.glb", "configs/wrist.yaml"))
+    page = Page(Session(asset, tools))
+    try:
+        with browsing(tmp_path, page.address, size, drawn=bool(SCREENSHOTS)) as tab:
+            tab.wait("document.body?.innerText.includes('no warnings')")
+            tab.value("document.querySelectorAll('.mantine-Notifications-root').forEach(each => each.remove())")
+            take_picture(tab, f"page_{size[0]}")
+            box = "(each => { const {left, top, right, bottom} = each.getBoundingClientRect(); "
+            box += "return [left, top, right, bottom]; })"
+            said = tab.value(f"{box}(document.querySelector('[style*=\"z-index:5\"]'))")
+            button = "[...document.querySelectorAll('button')].find(each => each.innerText === {!r})"
+            for label in ("Save", "Redo", "Touch", "Find places"):
+                place = tab.value(f"{box}({button.format(label)})")
+                assert said[2] <= place[0] or said[3] <= place[1], label
+                assert min(place[:2]) >= 0, label
+                assert place[2] <= size[0], label
+            tab.press_button("palm_side")
+            tab.wait("document.body.innerText.includes('is tallest')")
+            assert tab.value("document.documentElement.scrollWidth") <= size[0]
+            assert tab.errors == []
+    finally:
+        page.close()
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ from wrinklecli.editor.page.widgets import (
     ASKS,
     BAD,
     GOOD,
+    PANEL_WIDTH,
     QUIET,
     SetMode,
     TypedText,
@@ -53,8 +54,6 @@ _FOLLOW_SECONDS = 0.15  # seconds without a change after which widgets other tha
 _WARN_SECONDS = 1.0  # seconds between an edit and the search for warnings
 _CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be given up
 _MAX_LINES = 6  # lines of an error message
-_PANEL_WIDTH = 380  # pixels
-_PLAYER_WIDTH = 420  # pixels
 _ALL = "– all –"  # in place of a tool's name, among names
 _BRAND = (31, 111, 214)  # sRGB
 _WARNING = "#b35c00"
@@ -160,7 +159,7 @@ class Page:
         gui, session = self.server.gui, self.session
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(_PANEL_WIDTH)
+        gui.main_panel.set_width(PANEL_WIDTH)
         self._head = gui.add_html("")
         self._message = gui.add_html("")
         self.say(_START if session.tools() else _START_EMPTY, ASKS)
@@ -173,7 +172,7 @@ class Page:
             self.player.add_speed()
         with play.add_tab("Pose"):
             self._pose_panel = PosePanel(self, self.player)
-        play.float(x=15, y=-15, width=_PLAYER_WIDTH)
+        play.float(x=15, y=-15, width=PANEL_WIDTH)
         self._pointer.add_buttons()
         self._names: Any = gui.add_dropdown("tool", (_ALL,), hint="Escape leaves a tool, or what is pending.")
         on_set(self, self._names, "chosen", self._choose_named)

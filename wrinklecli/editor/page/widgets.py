@@ -23,8 +23,12 @@ QUIET = "#666"
 SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 """A way to set a value. While a value slides or is typed, more follow, and only the last one is an edit."""
 
-# Pixels from the corner of the page; what lies below the text takes the clicks.
-_OVER_VIEW = "position:fixed;left:15px;top:12px;z-index:5;max-width:min(36em,55vw);max-height:40vh;overflow:hidden;"
+PANEL_WIDTH = 380
+"""Pixels of the panel beside the view, and of the player: at 800 pixels, both stand side by side."""
+
+# Beside the panel, or above it where the page is narrow; what lies below the text takes the clicks.
+_OVER_VIEW = f"max-width:min(36em,max(20em,100vw - {PANEL_WIDTH + 45}px));max-height:40vh;overflow:hidden;"
+_OVER_VIEW += "position:fixed;left:15px;top:12px;z-index:5;"
 _OVER_VIEW += "pointer-events:none;background:#fffd;border-radius:4px"
 
 
