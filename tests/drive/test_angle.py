@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from kit.prepared import rig_of
 from wrinklecli.character.clip import Channel, Clip
-from wrinklecli.drive.angle import JointAngle
+from wrinklecli.drive.angle import JointAngle, read_angle
 from wrinklecli.numeric.arrays import Floats
 
 NUMBERS = st.floats(-1.0, 1.0)
@@ -69,3 +69,14 @@ def test_a_root_turns_against_the_world() -> None:
     signal = JointAngle(node=1, parent=-1, axis=np.array([0.0, 1.0, 0.0]), rest=np.array([0.0, 0.0, 0.0, 1.0]))
     found = signal.angles(rig, Clip(-1, "turn", (channel,), 0.0, 0.0), np.zeros(1))
     assert found.rows == pytest.approx([2.0 * np.arctan2(0.6, 0.8)])
+
+
+@given(st.permutations(["hips", "spine", "arm"]), st.booleans(), AXES, TURNS)
+def test_a_stored_joint_is_read_as_it_was(names: list[str], root: bool, axis: Any, rest: Any) -> None:
+    """Whichever numbers its node and its parent have, the first of all among them."""
+    numbers = {name: number for number, name in enumerate(names)}
+    written = JointAngle(numbers["arm"], -1 if root else numbers["hips"], unit(axis), unit(rest))
+    read = read_angle(written.to_json(names), numbers)
+    assert (read.node, read.parent) == (written.node, written.parent)
+    assert read.axis == pytest.approx(written.axis, abs=1e-6)
+    assert read.rest == pytest.approx(written.rest, abs=1e-6)

@@ -16,8 +16,9 @@ from kit.fields import TURNS as FIELD_TURNS
 from kit.layout_1 import CURVE, DUE, SHORTENINGS
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
+from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle
-from wrinklecli.drive.drive import Drive, StoredDrive
+from wrinklecli.drive.drive import Drive, StoredDrive, stored_drives
 from wrinklecli.drive.segment import Lengths, Segment
 from wrinklecli.drive.table import LeaningTable, Path, Table, read_table
 from wrinklecli.numeric.arrays import Floats
@@ -327,3 +328,14 @@ def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None
     for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [0.0] * 4, "weights": rows.tolist()}]):
         with pytest.raises((KeyError, ValueError)):
             StoredDrive.read({**data, "leaning": faulty})
+
+
+@given(st.permutations([*EFFECTS]), st.integers(0, len(EFFECTS)))
+def test_stored_drives_act_in_the_order_of_their_kinds(sections: list[str], count: int) -> None:
+    """In whichever order a file lists them; a bake always writes tools, so extras without them are of others."""
+    entry = {section: [{"name": section}] for section in sections[:count]}
+    if "tools" in entry:
+        assert [each["name"] for each in stored_drives(entry)] == [each for each in EFFECTS if each in entry]
+    else:
+        with pytest.raises(KeyError):
+            stored_drives(entry)
