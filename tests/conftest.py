@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+import threading
 from collections import Counter
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -39,9 +40,9 @@ gc.disable()  # until all tests are collected: what collection makes stays to th
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Node's packages are installed before workers start, which would get in each other's way."""
+    """Node's packages are installed while workers collect tests; those that need them wait."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        install()
+        threading.Thread(target=install).start()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from fcntl import LOCK_EX, flock
 from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,7 +24,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from kit.places import IN_CI
+from kit.places import IN_CI, SHARED
 from kit.work import PATIENCE
 
 Floats = NDArray[np.float64]
@@ -72,12 +73,15 @@ def install() -> tuple[str, str]:
         return "", f"{'node' if node is None else 'npm'} is not installed: no Khronos validator, no three.js"
     pins: dict[str, str] = json.loads((HERE / "package.json").read_text())["dependencies"]
     manifests = {HERE / "node_modules" / name / "package.json": pin for name, pin in pins.items()}
-    if not all(path.is_file() and json.loads(path.read_text())["version"] == pin for path, pin in manifests.items()):
+    with (SHARED / "npm.lock").open("w") as lock:
+        flock(lock, LOCK_EX)  # others wait for the first
+        if all(path.is_file() and json.loads(path.read_text())["version"] == pin for path, pin in manifests.items()):
+            return node, ""
         command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
         installed = subprocess.run(command, cwd=HERE, capture_output=True, text=True, check=False)
-        if installed.returncode != 0:
-            return "", f"npm ci failed in {HERE}: {installed.stderr.strip()[-600:]}"
-    return node, ""
+    return (
+        (node, "") if not installed.returncode else ("", f"npm ci failed in {HERE}: {installed.stderr[-600:].strip()}")
+    )
 
 
 def requireinstall() -> str:
