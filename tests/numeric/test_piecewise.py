@@ -15,7 +15,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric import piecewise
 from wrinklecli.numeric.piecewise import Signal, key_points, key_times
-from wrinklecli.numeric.quartics import smooth
+from wrinklecli.numeric.spring import smooth
 
 Floats = NDArray[np.float64]
 

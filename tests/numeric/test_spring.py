@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.quartics import fit_quartics
-from wrinklecli.numeric.spring import Spring, SpringResponse, positive, respond
+from wrinklecli.numeric.spring import Spring, SpringResponse, fit_quartics, positive, respond
 
 SPEED = 2.0 * np.pi * 6.0
 # Under-, critically and overdamped, and close to critical, where closed forms lose digits.

@@ -14,8 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
-from wrinklecli.numeric.quartics import fit_quartics
-from wrinklecli.numeric.spring import Spring, SpringResponse, positive, respond
+from wrinklecli.numeric.spring import Spring, SpringResponse, fit_quartics, positive, respond
 from wrinklecli.tools.records import Lag
 
 TAUT = 1 - 1e-5

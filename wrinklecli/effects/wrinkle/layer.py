@@ -194,7 +194,7 @@ class WrinkleLayer:
             if carried.ring is None:
                 sizes += [len(moved) for moved in part.target_vertices]
             elif clips:
-                from wrinklecli.effects.wrinkle.forecast import expected_shapes  # few tools are projected
+                from wrinklecli.effects.wrinkle.projected import expected_shapes  # few tools are projected
 
                 count = expected_shapes(plan, carried, clips, frames, bound, memory)
                 sizes += [len(carried.vertices)] * count
