@@ -10,6 +10,7 @@ from kit.limb import RADIUS
 from wrinklecli.character.pose import blend, transform
 from wrinklecli.effects.field.compression import Gauges, along
 from wrinklecli.effects.field.heights import (
+    BEYOND,
     Heights,
     _room,
     _slipped,
@@ -102,21 +103,23 @@ def test_cloth_slips_from_where_it_has_no_room_and_keeps_its_length() -> None:
     beside = ~crease & (np.abs(positions[:, 0] - LENGTH / 2.0) < WAVE)
     lost = np.where(crease, 0.3, 0.0)[None]
     room = np.where(crease, 0.0, 1.0)[None]
-    kept = _slipped(lost, room, sheet.averaging(0.8 * WAVE))
+    kept, loose = (_slipped(lost, each, sheet.averaging(BEYOND * WAVE), 0.0) for each in (room, np.ones_like(room)))
     assert not kept[0, crease].any()
     assert kept[0, beside].min() > 0.0
     assert 0.88 * np.sum(lost * sheet.areas) < np.sum(kept * sheet.areas) <= 1.001 * np.sum(lost * sheet.areas)
-    assert _slipped(lost, np.ones_like(lost), sheet.averaging(0.8 * WAVE)) == pytest.approx(lost)
+    # Where it has room it slips, too, as it lies loose, but most of it stays.
+    assert np.sum(loose * sheet.areas) == pytest.approx(np.sum(lost * sheet.areas), rel=0.02)
+    assert loose[0, crease].min() > loose[0, ~crease].max()
 
 
 def test_cloth_slips_along_its_compression_alone() -> None:
     """Beside the end of a crease nothing heaps up."""
     positions, triangles = plane(LENGTH, WIDTH, 20)
     sheet = Sheet.of(positions, triangles)
-    along = sheet.averaging(0.8 * WAVE, _stiffness_along(sheet, np.tile([1.0, 0.0, 0.0], (len(positions), 1))))
+    along = sheet.averaging(BEYOND * WAVE, _stiffness_along(sheet, np.tile([1.0, 0.0, 0.0], (len(positions), 1))))
     u, v = positions[:, 0] - LENGTH / 2.0, positions[:, 1] - WIDTH / 2.0
     crease = (np.abs(u) < WAVE / 3.0) & (v < 0.0)
-    kept = _slipped(np.where(crease, 0.3, 0.0)[None], np.where(crease, 0.0, 1.0)[None], along)[0]
+    kept = _slipped(np.where(crease, 0.3, 0.0)[None], np.where(crease, 0.0, 1.0)[None], along, SLACK)[0]
     beside = ~crease & (np.abs(u) < WAVE)
     assert kept[beside & (v < -0.1)].min() > 0.02
     assert kept[beside & (v > 0.1)].max() < 0.001
@@ -188,7 +191,7 @@ def test_heights_make_up_for_skinning_that_lowers_them() -> None:
     still, upwards = (np.zeros(len(positions)), np.ones(len(positions))), np.tile([0.0, 0.0, 1.0], (len(positions), 1))
     hollows, lower, strains = surface.shown(matrices[0], surface.bent(matrices[0]), upwards, still)
     fine = sheet.averaging(0.3 * WAVE)
-    stretch = np.exp(fine.of_integrals(along(strains, along_x, along_x)))
+    stretch = 1.0 + fine.of_integrals(along(strains, along_x, along_x))
     room = _room(stretch, fine.of_integrals(hollows), np.full(len(positions), WAVE))
     assert lower == pytest.approx(np.cos(angle))
     assert room.min() > 0.4
@@ -241,12 +244,12 @@ def test_a_wave_is_no_steeper_than_it_can_be() -> None:
 
 
 def test_a_bent_tube_folds_on_its_inner_side_alone() -> None:
-    """Folds outlast the compression along their crests, by about a wavelength."""
+    """Folds outlast the compression by about a wavelength along their crests, and by a radius as cloth slips."""
     ground, field = bent_tube()
     places, heights = ground.rest.positions, tallest(field)
     assert np.abs(places[np.argmax(heights)] * [1.0, 0.0, 1.0]).max() < 0.3
     assert heights[places[:, 1] < -0.8 * RADIUS].max() < 0.1 * heights.max()
-    assert heights[np.abs(places[:, 0]) > 0.7].max() < 0.02 * heights.max()
+    assert heights[np.abs(places[:, 0]) > 0.8].max() < 0.02 * heights.max()
 
 
 def test_crests_run_across_the_compression_of_a_bent_tube() -> None:

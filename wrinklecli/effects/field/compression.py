@@ -10,13 +10,11 @@ ACM Transactions on Graphics 27(4), 2008.
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, dot, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, cross, dot, face_normals, unit
 from wrinklecli.surface.strain import tangents
 
-# Greatest logarithm of a stretch that counts: triangles of almost no area may have any.
+# Greatest stretch that counts, as a part of the length: triangles of almost no area may have any.
 _MOST = 1.0
-# Least squared stretch, which has a logarithm.
-_LEAST_SQUARE = 1e-6
 
 
 def rigid_parts(matrices: Floats, rest: Floats) -> tuple[Floats, Floats]:
@@ -99,10 +97,15 @@ class Gauges:
         """Those of some triangles, by their numbers."""
         return Gauges(self.triangles[chosen], self.axes[chosen], self.inverse[chosen])
 
-    def strains(self, posed: Floats) -> Floats:
-        """(triangles, 6) Hencky strain ½ log FᵀF of (vertices, 3) posed positions: xx, yy, zz, xy, yz, zx at rest.
+    def strains(self, posed: Floats, outward: Floats | None = None) -> Floats:
+        """(triangles, 6) Biot strain U − I of (vertices, 3) posed positions: xx, yy, zz, xy, yz, zx at rest.
 
-        Unlike other strains it counts a stretch to twice the length as much as a shortening to half.
+        Unlike those of other strains, its averages are the mean length that is lost. A bend that is narrower than the
+        limb is thick turns its inside over: its triangles have lost more than all of their length.
+
+        Args:
+            posed: The positions.
+            outward: (vertices, 3) where the outer side is, if triangles may be turned over.
         """
         # Coordinate by coordinate, as numpy takes several times as long along axes of three.
         a, b, c = (posed.T.take(corner, axis=1) for corner in self.triangles.T)
@@ -112,9 +115,11 @@ class Gauges:
         xx, xy, yy = dot(one, one), dot(one, other), dot(other, other)
         middle, spread = (xx + yy) / 2.0, np.hypot((xx - yy) / 2.0, xy)
         angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-        long, short = (
-            np.clip(0.5 * np.log(np.maximum(middle + sign * spread, _LEAST_SQUARE)), -_MOST, _MOST) for sign in (1, -1)
-        )
+        long, short = (np.sqrt(np.maximum(middle + sign * spread, 0.0)) for sign in (1, -1))
+        if outward is not None:
+            up = np.sum([outward.T.take(corner, axis=1) for corner in self.triangles.T], axis=0)
+            short = np.where(dot(cross(one, other), up) < 0.0, -short, short)
+        long, short = np.minimum(long - 1.0, _MOST), np.minimum(short - 1.0, _MOST)
         cosine, sine = np.cos(angle), np.sin(angle)
         p, q = self.axes.transpose(1, 2, 0)
         along, across = cosine * p + sine * q, cosine * q - sine * p
@@ -131,11 +136,10 @@ def along(tensors: Floats, one: Floats, other: Floats) -> Floats:
 
 
 def shortest(tensors: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """The least stretch of (vertices, 6) Hencky strains in the tangent planes of (vertices, 3) normals.
+    """The least of (vertices, 6) strains in the tangent planes of (vertices, 3) normals.
 
     Returns:
-        (vertices,) logarithms of the least stretch, (vertices, 3) its unit directions, and (vertices,) logarithms of
-        the stretch across these.
+        (vertices,) the least, (vertices, 3) its unit directions, and (vertices,) the strain across these.
     """
     first, second = tangents(normals)
     xx, xy, yy = along(tensors, first, first), along(tensors, first, second), along(tensors, second, second)

@@ -40,10 +40,8 @@ _TAUT = 1.1
 _RISE = 2.0
 # Lost part of the length at which waves are highest.
 _MOST_LOST = 0.5
-# Lost part of the length below which folds fade: heights go with its root, so what is hardly anything would be seen.
-_LEAST_LOST = 0.01
-# Times that cloth slips by the length of the average of strain.
-_SLIPS = 5
+# Times that cloth slips, by about the radius of a limb: once as it lies loose on it, and twice where it has no room.
+_SLIPS = 3
 # Least factor by which skinning makes heights lower that is made up for: a limb bent by 106 degrees. What is turned
 # further is hidden in its crease, where taller folds take shapes from what is seen.
 _LEAST_LOWER = 0.6
@@ -106,10 +104,10 @@ def measure(
     lost, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
     bent = [surface.bent(pose) for pose in matrices]
     for row, pose, triangles in zip(lost, matrices, bent, strict=True):
-        strain = wave.of_integrals(surface.strains(surface.posed_rigidly(pose, triangles), triangles))
+        strain = wave.of_integrals(surface.strains(*surface.posed_rigidly(pose, triangles), triangles))
         least, _, across = shortest(strain, normals)
         # What shrinks alike in all directions has none in which it would fold.
-        shorter = 1.0 - np.exp(least - np.minimum(across, 0.0))
+        shorter = np.minimum(across, 0.0) - least
         taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
@@ -123,11 +121,11 @@ def measure(
         hollows, row[1], strains = surface.shown(pose, triangles, raising, still[:2])
         stretches = along(strains, lines, lines)
         strain, concave = near.of_integrals(np.stack([stretches, hollows], axis=1)).T
-        row[0] = _room(np.exp(strain), concave, wavelengths)
-    # Cloth slips the way in which it is compressed: beside the end of a crease it would heap up.
-    slipping = sheet.averaging(WAVE * wavelength, _stiffness_along(sheet, lines))
+        row[0] = _room(np.maximum(1.0 + strain, 0.0), concave, wavelengths)
+    # Cloth slips over what is beneath, the way in which it is compressed: beside the end of a crease it would heap up.
+    slipping = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, lines))
     crests = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, np.cross(normals, lines)))
-    made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping)))
+    made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping, slack)))
     drawn = np.maximum(made, crests.of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
     return Heights(heights, directions, lines)
@@ -139,20 +137,20 @@ def _squares(lost: Floats) -> Floats:
     return np.asarray(part * (1.0 - part))
 
 
-def _slipped(lost: Floats, room: Floats, average: Average) -> Floats:
-    """(poses, vertices) lost parts of the length where cloth slips from places without room to those beside them.
+def _slipped(lost: Floats, room: Floats, average: Average, slack: float) -> Floats:
+    """(poses, vertices) lost parts of the length where cloth has slipped, again from places without room.
 
-    `room` are the greatest squares, as `_squares` gives them.
+    `room` are the greatest squares, as `_squares` gives them. Folds fade where the slack is more than what is lost, as
+    heights go with the root: what is hardly anything would be seen.
     """
     # The lost part at which waves are as high as there is room for.
     held = 0.5 - np.sqrt(np.maximum(0.25 - room, 0.0))
-    kept = np.minimum(lost, held)
-    excess = lost - kept
+    kept, excess = np.zeros_like(lost), lost
     for _ in range(_SLIPS):
         kept += np.maximum(average.of(excess.T).T, 0.0)
         excess = np.maximum(kept - held, 0.0)
         kept -= excess
-    return kept * smoothstep(np.minimum(kept / _LEAST_LOST, 1.0))
+    return kept * smoothstep(np.minimum(kept / max(slack, _TINY), 1.0))
 
 
 def _room(stretch: Floats, concave: Floats, wavelengths: Floats) -> Floats:
@@ -191,17 +189,18 @@ class _Surface:
         least, most = np.minimum(np.minimum(low[a], low[b]), low[c]), np.maximum(np.maximum(high[a], high[b]), high[c])
         return np.flatnonzero(least != most)
 
-    def posed_rigidly(self, pose: Floats, triangles: Ints) -> Floats:
-        """(vertices, 3) places by dual quaternions of what triangles have; the others are at rest."""
-        own, places = distinct_values(self.sheet.triangles[triangles]), self.sheet.positions.copy()
-        parts = rigid_parts(pose, self.rest.matrices)
-        places[own] = posed_rigidly(places[own], self.joints[own], self.weights[own], parts)
-        return places
+    def posed_rigidly(self, pose: Floats, triangles: Ints) -> tuple[Floats, Floats]:
+        """(vertices, 3) places and normals by dual quaternions of what triangles have; the others are at rest."""
+        own, parts = distinct_values(self.sheet.triangles[triangles]), rigid_parts(pose, self.rest.matrices)
+        places, ends = self.sheet.positions.copy(), self.sheet.positions + self.rest.normals
+        for found in (places, ends):
+            found[own] = posed_rigidly(found[own], self.joints[own], self.weights[own], parts)
+        return places, ends - places
 
-    def strains(self, places: Floats, triangles: Ints) -> Floats:
+    def strains(self, places: Floats, outward: Floats | None, triangles: Ints) -> Floats:
         """(vertices, 6) integrals of the strains at (vertices, 3) places; others than these triangles have none."""
         strains = np.zeros((len(self.sheet.triangles), 6))
-        strains[triangles] = self.gauges.of_some(triangles).strains(places)
+        strains[triangles] = self.gauges.of_some(triangles).strains(places, outward)
         return self.sheet.to_vertices(strains)
 
     def shown(
@@ -233,7 +232,7 @@ class _Surface:
         hollows[own] = sheet.areas[own] * np.maximum(-curved, 0.0)
         turned = np.einsum("vab,vb->va", blended[np.searchsorted(near, own), :, :3], raising[own])
         lower[own] = np.clip(np.sum(turned * normals, axis=1), _LEAST_LOWER, 1.0)
-        return hollows, lower, self.strains(places, bent)
+        return hollows, lower, self.strains(places, None, bent)
 
 
 def _stiffness_along(sheet: Sheet, lines: Floats) -> Any:
