@@ -52,8 +52,6 @@ _SOME, _ALL = 0.1, 0.97
 _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
 # Part of the largest area that a joint bends below which it folds nothing.
 _LEAST_BENT = 0.02
-# Joints of a field, those that bend the most: so many shapes can play it.
-_MOST_JOINTS = 24
 # Shapes of a field that are looked at where they are tallest: half of them have to be worth it.
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
@@ -150,7 +148,7 @@ def _garment(
     if share < _SOME or is_covered(mesh, layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
         return None
     bending = bending_nodes(document, rig, _LEAST_BENT)
-    joints = [rig.names[node] for node in bending if parts[node] not in _APART][:_MOST_JOINTS]
+    joints = [rig.names[node] for node in bending if parts[node] not in _APART]
     if not joints:
         return None
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
