@@ -38,6 +38,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened
+from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
 # A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
@@ -300,8 +301,9 @@ class Crease(Surface):
 
     def _lengths(self, weights: Floats) -> Floats:
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
-        moves = (np.sum(combined(row, self.shapes) ** 2, axis=1).max(initial=0.0) for row in weights)
-        return np.sqrt(np.fromiter(moves, np.float64, len(weights)))
+        parts = portions(len(weights), self.shapes[0].size if len(self.shapes) else 1)
+        squares = [np.sum(np.tensordot(weights[part], self.shapes, axes=1) ** 2, axis=2) for part in parts]
+        return np.sqrt(np.concatenate([np.zeros(0), *(each.max(axis=1, initial=0.0) for each in squares)]))
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(frames, shapes) weights at (frames,) seconds of a clip, from the table alone, as a player finds them."""
