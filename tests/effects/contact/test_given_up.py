@@ -123,16 +123,24 @@ def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch,
 @pytest.mark.slow
 def test_what_takes_too_many_steps_is_solved_no_further(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The poses up to there stay, and what moves nothing stays as well."""
-    monkeypatch.setattr(solution, "_MOST_STEPS", 4)
-    monkeypatch.setattr(solution, "_MOST_STEPS_PER_POSE", 1)
+    monkeypatch.setattr(solution.Steps, "suffice", property(lambda self: self.good < 8))
     _, report = baked(tmp_path, "resolve")
     (line, *_) = (line for line in report.warnings if "contact" in line)
     (fold,) = report.data["folds"]
-    assert "crease: contact took more steps than any fold that settles in 'fold' at " in line
+    assert (
+        "crease: contact takes most steps in poses that do not settle, and is solved no further, in 'fold' at" in line
+    )
     (left,) = fold["left"]
     assert 0 < fold["unsettled_frames"] == left["poses"]
     assert_ends_as_without(tmp_path)
     assert_no_worse(tmp_path)
+
+
+def test_steps_in_vain_may_be_as_many_as_others_and_those_of_a_few_poses() -> None:
+    steps, posed = solution.Steps(), SkinnedPose(np.zeros((1, 3)), np.zeros((1, 3, 3)))
+    for converged, suffice in ((True, True), (False, True), (False, True), (False, False), (True, True)):
+        steps.count(SolverState(posed.positions, posed, converged, steps=100))
+        assert steps.suffice == suffice
 
 
 def assert_ends_as_without(folder: Path) -> None:

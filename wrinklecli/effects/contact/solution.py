@@ -29,9 +29,8 @@ _AHEAD = 4
 # Distance of solved poses that others start from, solver's units: about a quarter of a step of a sweep. A long clip
 # comes back to the same poses again and again.
 _APART = 4.0
-# Most steps of the solver for a pose with contact, in the mean of a sweep or clip: folds that settle take 2 to 11,
-_MOST_STEPS_PER_POSE = 16
-# and so many more for all poses together: a fold that closes at once takes a few times the mean in its first poses.
+# Steps of the solver in poses that do not settle, in a sweep or clip, beyond as many as in those that do: four poses. A
+# clip takes at most about twice as long as its good poses so.
 _MOST_STEPS = 128
 # Least weight of a squared error, where nothing touches, relative to 1 where something does: an error ten times as long
 # is as good there, hidden in the fold.
@@ -176,25 +175,27 @@ class Solution:
 
 @dataclass(slots=True)
 class Steps:
-    """Counts the solver's steps in one motion.
+    """Counts the solver's Newton steps in one motion.
 
     Attributes:
-        taken: Number of Newton steps.
-        poses: Number of poses with contact.
+        good: Those in poses that settle.
+        vain: Those in others.
     """
 
-    taken: int = 0
-    poses: int = 0
+    good: int = 0
+    vain: int = 0
 
     def count(self, state: SolverState) -> None:
-        """Count one more pose."""
-        self.taken += state.steps
-        self.poses += state.converged and bool(state.correction.any())
+        """Count those of one more pose."""
+        if state.converged:
+            self.good += state.steps
+        else:
+            self.vain += state.steps
 
     @property
     def suffice(self) -> bool:
-        """False if there are too many steps for so many poses."""
-        return self.taken <= _MOST_STEPS + _MOST_STEPS_PER_POSE * self.poses
+        """False if there are too many in vain."""
+        return self.vain <= _MOST_STEPS + self.good
 
 
 @dataclass(slots=True)
@@ -204,7 +205,7 @@ class March:
     A pose is solved from the solved one that is nearest to it. So it has about the same solution however a clip comes
     to it, and the march goes on after poses that do not settle or are torn. In such a pose contact moves nothing, and
     the solution has a fault. A pose that is further from the nearest solved one than such a pose fails, too, and after
-    too many steps so does each in which anything is near.
+    too many steps in vain so does each in which anything is near.
 
     Poses that lie between two solved ones that are a step apart get a mean of both, unless something would cross. Runs
     of poses are skipped before and after which nothing is near.
