@@ -303,7 +303,7 @@ class Crease(Surface):
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
         parts = portions(len(weights), self.shapes[0].size if len(self.shapes) else 1)
         squares = [np.sum(np.tensordot(weights[part], self.shapes, axes=1) ** 2, axis=2) for part in parts]
-        return np.sqrt(np.concatenate([np.zeros(0), *(each.max(axis=1, initial=0.0) for each in squares)]))
+        return np.asarray(np.sqrt(np.concatenate([np.zeros(0), *(each.max(axis=1, initial=0.0) for each in squares)])))
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(frames, shapes) weights at (frames,) seconds of a clip, from the table alone, as a player finds them."""
