@@ -18,7 +18,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.drive.drive import Drive
 from wrinklecli.effects.contact.crease import PlayerError
 from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
-from wrinklecli.effects.contact.given_up import CRUMPLED, TORN, WORSE
+from wrinklecli.effects.contact.given_up import TORN, WORSE
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.remaining import FADE, _state, nearness, shown_in
 from wrinklecli.review.crossings import crossings
@@ -60,7 +60,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     (own,), (left,) = pressed.followed, pressed.remaining
     assert left is not None
     assert own.faults
-    assert set(own.faults.values()) <= {WORSE, TORN, CRUMPLED}
+    assert set(own.faults.values()) <= {WORSE, TORN}
     assert left.faded
     assert not own.weights[sorted(own.faults)].any()
     entry = crossings(asset, files[1], fps=15.0).data["clips"][0]

@@ -18,7 +18,6 @@ from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import (
-    CRUMPLED,
     DEGENERATE,
     TORN,
     GivenUp,
@@ -243,7 +242,7 @@ class Crease(Surface):
         return Followed(marched.clip, times, held, error, tuple(sorted(crossing)), tuple(unspanned), marched.faults)
 
     def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
-        """The frames, of some in a clip of (frames,) seconds, in which contact tears or crumples the surface, and why.
+        """The frames, of some in a clip of (frames,) seconds, in which contact tears the surface, and why.
 
         `moves` are those of this fold, and of others that add to these.
         """
@@ -252,8 +251,6 @@ class Crease(Surface):
         for frame, (given, _), (made, _) in zip(frames.tolist(), fold.poses(clip, times[frames]), shown, strict=True):
             if self.tissue.tears(scale * given, scale * made):
                 found[frame] = TORN
-            elif self.tissue.crumples(scale * given, scale * made):
-                found[frame] = CRUMPLED
         return found
 
     def moves(self, followed: "Followed") -> Moves:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.effects.contact.crumpling import Crumpling
 from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
 from wrinklecli.frozen import dataclass
@@ -206,11 +205,6 @@ class Tissue:
         return Tearing.of(self.rest, own, self.free, self.apart == 0.0)
 
     @cached_property
-    def _crumpling(self) -> Crumpling:
-        """The part of the surface that may crumple."""
-        return Crumpling.of(self.triangles[self.own[self.triangles].all(axis=1)], self.free, UNITS)
-
-    @cached_property
     def edges(self) -> Ints:
         """(edges, 2)."""
         return edges_of(self.triangles)
@@ -309,10 +303,6 @@ class Tissue:
         `crossing` finds what crosses at these in place of the method of that name.
         """
         return self._tearing.tears(given, shown, crossing or self.crossing)
-
-    def crumples(self, given: Floats, shown: Floats) -> bool:
-        """True if (vertices, 3) positions are crumpled relative to the given ones."""
-        return self._crumpling.crumples(given, shown)
 
     def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:
         import ipctk
