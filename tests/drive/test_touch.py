@@ -1,5 +1,6 @@
 """The drive of a touch in extras."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kit.touch import GRIP, PAD, SECONDS, plate
+from wrinklecli.character.clip import read_clips
+from wrinklecli.character.rig import read_rig
 from wrinklecli.drive.drive import StoredDrive
-from wrinklecli.drive.touch import weights_of
+from wrinklecli.drive.touch import TouchDrive, weights_of
+from wrinklecli.gltf.document import read_document
 
 ANCHOR = {"joints": ["hand"], "weights": [1.0], "positions": [[0.0, 0.0, 0.0]], "scales": [1.0]}
 PALM = {
@@ -107,3 +112,29 @@ def test_places_of_a_row_share_a_contact(count: int) -> None:
 def test_a_forged_touch_is_refused(forged: dict[str, Any]) -> None:
     with pytest.raises(ValueError):  # noqa: PT011  # it has no words: who reads extras says where they are
         StoredDrive.read(full_palm(**forged))
+
+
+@pytest.mark.parametrize("lifted", [0.5, 2.0])
+def test_a_tip_that_is_on_the_skin_when_a_clip_begins_has_not_slid_it_yet(tmp_path: Path, lifted: float) -> None:
+    """It drags the skin as far as it goes, and lets go where it is lifted, if it is within the clip."""
+    ways = np.array([(-0.004, 0.0, 0.0), (0.0, 0.0, 0.001), (0.004, 0.0, 0.002), (0.004, 0.0, 0.002)])
+    ways[np.linspace(0.0, SECONDS, len(ways)) > lifted, 1] = 1.0
+    document = read_document(plate(cells=2, tip=ways, turns=False).write(tmp_path / "plate.glb"))
+    ends = [[0.0, 0.0, 0.0], [PAD, 0.0, 0.0], [0.0, 0.0, PAD], [0.0, PAD, 0.0]]
+    anchors = [{**ANCHOR, "joints": ["bone"], "positions": [end]} for end in ends]
+    by = {**ANCHOR, "joints": ["tip"]}
+    sizes = {"pad": PAD, "grip": GRIP, "deepest": 0.003}
+    data = (
+        PALM | sizes | {"anchors": anchors, "by": by, "windows": [], "targets": [f"wrinkle_palm_{k}" for k in range(5)]}
+    )
+    drive = StoredDrive.read(data).on({"bone": 1, "tip": 2}, ())
+    assert isinstance(drive, TouchDrive)
+    rig, (clip,) = read_rig(document, 0), read_clips(document)
+    (stroke,) = drive.strokes_in(rig, clip)
+    assert stroke[0, :3] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    ended = drive.ends_in(rig, [clip])["drag"]
+    assert ended == pytest.approx([stroke[-1, 0]])
+    if lifted < SECONDS:
+        assert ended[0] < lifted + SECONDS / 3
+    else:
+        assert stroke[-1, :3] == pytest.approx([SECONDS, 0.008, 0.002], abs=1e-6)
