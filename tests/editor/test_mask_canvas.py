@@ -20,6 +20,7 @@ def session(tmp_path: Path) -> Session:
     return Session(shutil.copy(asset, tmp_path), shutil.copy(tools, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_brush_lowers_what_lies_under_it_and_nothing_else(session: Session) -> None:
     name, before = session.tools()[0].name, session.text
     canvas, length = session.mask_canvas(name)

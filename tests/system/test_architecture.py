@@ -118,6 +118,8 @@ def test_other_rooms_know_effects_only_as_effects() -> None:
             and (node.module or "").startswith(("wrinklecli.effects", "wrinklecli.drive"))
             for alias in node.names
         }
+        if not classes:
+            continue
         asked = [
             node.args[1]
             for node in nodes_of(path)

@@ -172,6 +172,7 @@ def test_the_driver_and_track_look_up_alike() -> None:
     assert np.abs(shown - fold.weights_in(rig, clip)(times)).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_a_fold_has_the_strength_of_its_clip(tmp_path: Path) -> None:
     """0 in a clip that the bake has left without contact: a player must not play there what the bake gave up."""
     body = bake_fold()

@@ -116,7 +116,7 @@ def test_the_driver_plays_flesh_at_any_frame_rate(bodies: dict[int, Path], keys:
     assert_alike(found, swung(file.path)(times), len(times), 0.01)
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("fps", [30, 60, 144, None])
 def test_the_driver_plays_a_motion_of_the_player(bodies: dict[int, Path], fps: int | None) -> None:
     """The player jumps with a body whose clip stays in place, or moves one that jumps by itself; neither is a loop."""
