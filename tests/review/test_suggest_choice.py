@@ -16,8 +16,7 @@ from wrinklecli.character.moved import Motions, moved
 from wrinklecli.choices import Part
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.choice import is_limb, rims_of
-from wrinklecli.review.suggest.expressions import joined_expressions
+from wrinklecli.review.suggest.choice import is_limb, joined_expressions, rims_of
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.sites import spread_sites
 from wrinklecli.surface.strain import read_gauge

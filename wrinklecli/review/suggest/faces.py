@@ -9,17 +9,27 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.motion import motion_clip, raising
+from wrinklecli.character.motion import motion_clip, raising, turning
+from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, significant, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import (
+    Bools,
+    Floats,
+    face_normals,
+    significant,
+    unit,
+    unit_quaternions,
+    weighted_quantiles,
+)
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
 from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
-from wrinklecli.review.suggest.face_parts import Face, read_face
+from wrinklecli.review.suggest.face_parts import Face, cropped, read_face, read_skin
 from wrinklecli.review.suggest.face_targets import (
     COLUMNS,
     HEIGHTS,
@@ -32,13 +42,12 @@ from wrinklecli.review.suggest.face_targets import (
     read_face_targets,
 )
 from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, LEAST_BY_MORPH, Suggestion
-from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.neck import read_neck
+from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
-from wrinklecli.surface.sites import at_sites
-from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
+from wrinklecli.surface.sites import at_sites, spread_sites
+from wrinklecli.surface.strain import along_directions, principal, strain, unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import usual_bumps
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
@@ -70,6 +79,12 @@ _FURROW = 0.4
 _FACING = 0.25
 # Least and greatest angle to either side by which crow's feet spread round an eye, radians.
 _SPREAD = np.radians([22.0, 35.0])
+# Degrees by which neck and head turn together, each joint by as much: most people reach 70°.
+_TURN = 60.0
+# Least loss of a triangle that the turn folds.
+_NECK_LOSS = 0.05
+# Least cosine of the normal of neck skin and where the face looks: the nape is under hair.
+_IN_FRONT = -0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +138,7 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
             else:
                 of_side = region.title + {"": "", "L": ", left", "R": ", right"}[side]
                 notes.append(f"{where}: no tool for {of_side}: {fitted or 'no target on this side'}")
-    neck = read_neck(document, nodes, face)
+    neck = _neck(document, nodes, face)
     if neck is None:
         notes.append(f"{where}: no tool for the neck: no joint of a neck or head folds skin")
     else:
@@ -401,3 +416,53 @@ def _near_rims(face: Face, patch: Attached[WrinkleTool]) -> Floats | None:
     under = sites.gather[:, np.isin(sites.gauge.numbers, region.members)].sum(axis=1) > 0
     reached = ~face.free & (shares > _FADED) & under
     return np.asarray(sites.positions[reached].mean(axis=0)) if reached.any() else None
+
+
+def _neck(document: Document, nodes: Mapping[int, str | None], face: Face) -> tuple[Face, tuple[Clip, Clip]] | None:
+    """Find the skin that folds where a head turns, in the frame of its face, and the turns to the left and the right.
+
+    Returns:
+        The face with the neck's skin in place of its own; None if no joint turns the head, or nothing folds.
+    """
+    best: tuple[float, Face, tuple[Clip, Clip]] | None = None
+    for node, name in nodes.items():
+        rig = read_rig(document, node)
+        turns = _turns(document, rig, face.up)
+        gauge = None if turns is None else read_skin(document, rig)
+        if turns is None or gauge is None:
+            continue
+        crosses = gauge.rest.way * face_normals(gauge.rest.positions, gauge.triangles)
+        normals = unit(crosses)
+        losses, _ = principal(strain(gauge, turns[0], np.array([1.0]))[0], normals)
+        folded = (losses > _NECK_LOSS) & (normals @ face.ahead > _IN_FRONT)
+        area = float(np.sqrt(np.sum(crosses[folded] ** 2, axis=1)).sum())
+        if area > 0 and (best is None or area > best[0]):
+            skin = cropped(gauge, folded)
+            mesh = replace(face.mesh, ground=ground_of(document, skin), sites=spread_sites(skin), node=name)
+            best = area, replace(face, mesh=mesh, targets=(), moved={}), turns
+    return None if best is None else best[1:]
+
+
+def _turns(document: Document, rig: Rig, up: Floats) -> tuple[Clip, Clip] | None:
+    """The turns of neck and head to the left and to the right about a (3,) axis; None if no joint turns them."""
+    parts = read_bones(document).parts
+    joints = [
+        node
+        for node in sorted({int(joint) for joint in rig.joints})
+        if parts[node] in ("neck", "head") and "rotation" in rig.locals[node]
+    ]
+    if not joints:
+        return None
+    name = " + ".join(rig.names[node] for node in joints)
+    angle = np.radians(_TURN) / len(joints)
+
+    def turned(sign: float, side: str) -> Clip:
+        channels = []
+        for node in joints:
+            parent = int(rig.parents[node])
+            linear = node_matrices(rig, None, np.zeros(1), [parent])[0, 0, :3, :3] if parent >= 0 else np.eye(3)
+            axis = unit(np.linalg.pinv(linear) @ up)
+            channels.append(turning(node, unit_quaternions(rig.locals[node]["rotation"]), axis, sign * angle))
+        return motion_clip(f"{name} turned {side}", channels)
+
+    return turned(1.0, "left"), turned(-1.0, "right")

@@ -18,8 +18,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
-from wrinklecli.review.suggest.choice import choose_candidates, folding
-from wrinklecli.review.suggest.expressions import joined_expressions
+from wrinklecli.review.suggest.choice import choose_candidates, folding, joined_expressions
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh

@@ -24,7 +24,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
-from wrinklecli.review.suggest.expressions import JOINED
+from wrinklecli.review.suggest.choice import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
