@@ -14,9 +14,8 @@ from wrinklecli.character.paints import Texture
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
 from wrinklecli.review.preview.draw import Mark
-from wrinklecli.review.preview.opacity import Opacities
 from wrinklecli.review.preview.preview_options import Style
-from wrinklecli.review.preview.render import Snapshot
+from wrinklecli.review.preview.render import Opacities, Snapshot
 
 
 def square(

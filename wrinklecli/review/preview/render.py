@@ -1,6 +1,6 @@
 """Render triangles by rays, without a display or a graphics card. The same triangles give the same picture."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,10 +12,9 @@ from wrinklecli.numeric.portions import portions
 from wrinklecli.review.preview.camera import Camera, project
 from wrinklecli.review.preview.draw import Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
 from wrinklecli.review.preview.light import REACH, light_up
-from wrinklecli.review.preview.opacity import Opacities
 from wrinklecli.review.preview.overlay import INK, NOTHING, PAPER, RED, Overlay, draw_overlay
 from wrinklecli.review.preview.preview_options import PLAIN, Style
-from wrinklecli.review.preview.rays import Hits, TracedSurface, first_hits, trace
+from wrinklecli.review.preview.rays import INVISIBLE, Hits, TracedSurface, first_hits, trace
 
 # Primary rays along each axis of a pixel where one ray is not enough.
 _SAMPLES = 2
@@ -31,6 +30,70 @@ _ALBEDO = np.float32(0.9)
 _WIRE = np.float32(0.75)
 # Linear values 0 to 1 in sRGB; a power for each pixel would take 0.2 s.
 _ENCODED = srgb(np.linspace(0, 1, 1 << 14, dtype=np.float32))
+# Points along an edge of a triangle at which it is looked at, to see if all of it shows.
+_POINTS = 8
+_ALPHAS = (np.arange(256) / 255.0).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Opacities:
+    """Which part of each triangle shows, by its material's `alphaMode`: lace has holes, and glass lets light through.
+
+    Source: glTF 2.0 §3.9.4 (alpha coverage).
+
+    Attributes:
+        alphas: (triangles, 3) alpha at the corners.
+        cutoffs: (triangles,) alpha from which on a point shows; 0 if all points do, infinite if alpha is opacity.
+        coordinates: (triangles, 3, 2) texture coordinates of the corners.
+        numbers: (triangles,) into `textures`; -1 for none.
+        textures: Their one channel multiplies the alpha.
+    """
+
+    alphas: Floats
+    cutoffs: Floats
+    coordinates: Floats
+    numbers: Ints
+    textures: tuple[Texture, ...]
+
+    @classmethod
+    def of(cls, parts: Sequence[tuple[Ints, Paint]]) -> "Opacities | None":
+        """Join parts, each with the (triangles, 3) vertices of its paint; None if all are opaque."""
+        if not any(paint.opacity for _, paint in parts):
+            return None
+        textures: list[Texture] = []
+        joined = []
+        for vertices, paint in parts:
+            alphas, cutoff, texture = np.ones(vertices.shape), 0.0, None
+            if paint.opacity is not None:
+                alphas, cutoff, texture = paint.opacity.alphas[vertices], paint.opacity.cutoff, paint.opacity.texture
+            cutoffs, numbers = np.full(len(vertices), cutoff), np.full(len(vertices), _number_of(texture, textures))
+            joined.append((alphas, cutoffs, paint.coordinates[vertices], numbers))
+        alphas, cutoffs, coordinates, numbers = map(np.concatenate, zip(*joined, strict=True))
+        return cls(alphas, cutoffs, coordinates, numbers, tuple(textures))
+
+    def at(self, triangles: Ints, weights: Array) -> Array:
+        """(points,) opacity from 0 to 1 at points of (points,) triangles, by (points, 3) barycentric weights."""
+        found = np.ones(len(triangles), np.float32)
+        partial = np.flatnonzero(self.cutoffs[triangles] > 0)
+        triangles, weights = triangles[partial], weights[partial]
+        alphas = np.einsum("pi,pi->p", weights, self.alphas[triangles])
+        for here, texture, places in _textured(self.textures, self.numbers, self.coordinates, triangles, weights):
+            alphas[here] *= look_up(texture, places, _ALPHAS)[:, 0]
+        cutoffs = self.cutoffs[triangles]
+        blended = np.where(alphas < INVISIBLE, 0.0, np.where(alphas > 1.0 - INVISIBLE, 1.0, alphas))
+        found[partial] = np.where(np.isinf(cutoffs), blended, alphas >= cutoffs)
+        return found
+
+    def whole(self) -> Bools:
+        """(triangles,) True if all of a triangle is opaque."""
+        whole = np.ones(len(self.alphas), np.bool_)
+        partial = np.flatnonzero(self.cutoffs > 0)
+        steps = np.arange(_POINTS + 1) / _POINTS
+        for first in steps:
+            for second in steps[steps <= 1.0 - first]:
+                weights = np.tile([first, second, 1.0 - first - second], (len(partial), 1))
+                whole[partial] &= self.at(partial, weights) == 1.0
+        return whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,10 +131,7 @@ class Snapshot:
         painted = []
         for corners, normals, vertices, paint in parts:
             painted.append((vertices, paint))
-            if paint.texture is not None and paint.texture not in textures:
-                textures.append(paint.texture)
-            number = -1 if paint.texture is None else textures.index(paint.texture)
-            numbers = np.full(len(corners), number)
+            numbers = np.full(len(corners), _number_of(paint.texture, textures))
             joined.append((corners, normals, paint.colours[vertices], paint.coordinates[vertices], numbers))
         places, turned, colours, coordinates, numbers = map(np.concatenate, zip(*joined, strict=True))
         opacities = Opacities.of(painted)
@@ -198,13 +258,34 @@ def _base_colours(scene: _Scene, hits: Hits, style: Style) -> Array:
         base[:] = 0
         for i in range(3):
             base += _ALBEDO * hits.weights[:, i, None] * scene.colours[hits.triangles, i]
-        numbers = scene.snapshot.texture_numbers[hits.triangles]
-        for number, texture in enumerate(scene.snapshot.textures):
-            here = np.flatnonzero(numbers == number)
-            if len(here):
-                coordinates = scene.snapshot.coordinates[hits.triangles[here]]
-                places = np.einsum("pi,pia->pa", hits.weights[here], coordinates)
-                base[here] *= look_up(texture, places)
+        shot = scene.snapshot
+        for here, texture, places in _textured(
+            shot.textures, shot.texture_numbers, shot.coordinates, hits.triangles, hits.weights
+        ):
+            base[here] *= look_up(texture, places)
     if style.backfaces:
         base[hits.sides[:, 0] < 0] = linear_rgb(np.array(RED))
     return base
+
+
+def _number_of(texture: Texture | None, textures: list[Texture]) -> int:
+    """The number of a texture among others, which get it if it is new; -1 for none."""
+    if texture is None:
+        return -1
+    if texture not in textures:
+        textures.append(texture)
+    return textures.index(texture)
+
+
+def _textured(
+    textures: Sequence[Texture], numbers: Ints, coordinates: Floats, triangles: Ints, weights: Array
+) -> Iterator[tuple[Ints, Texture, Array]]:
+    """For each texture the points of (points,) triangles that have it, and their places in it.
+
+    `weights` are (points, 3) barycentric; `numbers` and (3, 2) `coordinates` are those of each triangle.
+    """
+    own = numbers[triangles]
+    for number, texture in enumerate(textures):
+        here = np.flatnonzero(own == number)
+        if len(here):
+            yield here, texture, np.einsum("pi,pia->pa", weights[here], coordinates[triangles[here]])
