@@ -289,3 +289,17 @@ def test_failed_bake_keeps_the_old_out(tmp_path: Path, monkeypatch: pytest.Monke
     with pytest.raises(BakeError, match="Input/output error"):
         write(edited, tmp_path / f"out.{ending}")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_the_binary_chunk_keeps_its_buffer_s_extensions_beside_a_fallback(tmp_path: Path) -> None:
+    """Only a fallback of compressed views becomes a plain buffer when it is the chunk itself."""
+    (tmp_path / "a.bin").write_bytes(bytes(8))
+    known, fallback = {"VENDOR_key": {"number": 1}}, {"EXT_meshopt_compression": {"fallback": True}}
+    buffers = [
+        {"uri": "a.bin", "byteLength": 8, "extensions": known},
+        {"uri": "a.bin", "byteLength": 8, "extensions": fallback},
+    ]
+    (tmp_path / "in.gltf").write_text(json.dumps({"asset": {"version": "2.0"}, "buffers": buffers}))
+    write(EditedDocument(read_document(tmp_path / "in.gltf")), tmp_path / "out.glb")
+    found = read_document(tmp_path / "out.glb").gltf["buffers"]
+    assert found[0]["extensions"] == known
