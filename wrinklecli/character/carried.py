@@ -95,7 +95,10 @@ def _weights(points: Sequence[CarriedPoint], rig: Rig, clip: Clip | None, times:
     """(frames, morph targets) weights; 0 for those of drives that carry none of the points."""
     if not rig.drives:
         return morph_weights(rig, clip, times)
-    carrying = np.any([point.points[1:].any(axis=(1, 2)) for point in points], axis=0)
+    # Points of effects that are attached before others know fewer targets.
+    carrying = np.zeros(len(rig.morph_names), bool)
+    for point in points:
+        carrying[: len(point.points) - 1] |= point.points[1:].any(axis=(1, 2))
     return morph_weights(rig, clip, times, carrying)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import wrinklecli
 from kit.asset import Json
-from kit.bakes import bake_once, folding_limb, place, report_of
+from kit.bakes import UNREFINED, bake_once, folding_limb, place, report_of
 from kit.clients import assert_valid, drive
 from kit.command import Wrinkle
 from kit.limb import RADIUS, limb_asset, sleeved_limb, tool, write_tools
@@ -414,3 +414,12 @@ def test_a_biceps_at_a_right_angle_bulges_as_much_as_that_of_a_human(depth: floa
     """8 to 14 mm, on an arm of which bone and skin are 45 or 50 mm apart."""
     (bent,) = report_of(flexed()).data["clips"][0]["muscles"]
     assert 0.008 < bent["bulge"][1] * depth / RADIUS < 0.014
+
+
+@pytest.mark.slow
+def test_a_touch_beside_a_joint_that_a_muscle_bulges_is_baked() -> None:
+    """The places of a touch know fewer morph targets than the joint that bends its skin: it was an error of numpy's."""
+    touch = {"name": "spot", "at": [-0.25, 0.25, 0.0], "pad": 0.12, "keys": {"fold": [[0.2, 0, 0], [0.8, 0.05, 0.02]]}}
+    file = bake_once(folding_limb(), top={**UNREFINED, "muscles": [muscle()], "touches": [touch]})
+    targets = [each["targets"] for key in ("muscles", "touches") for each in report_of(file).data[key]]
+    assert all(targets)
