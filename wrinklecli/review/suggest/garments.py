@@ -77,7 +77,7 @@ class SuggestedField:
         height: The height of that fold, scene units.
         wavelength: From crest to crest, scene units.
         targets: The number of its morph targets.
-        gpu_bytes: What they take on a GPU where each part of the mesh has those that move it.
+        gpu_bytes: What they take at most on a GPU where each part of the mesh has those that move it.
         levels: How often edges are halved for it.
     """
 

@@ -27,8 +27,8 @@ from wrinklecli.tools.records import ToolsFile
 
 # Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.
 _MOST_POSES = 200
-# Triangles times poses of all clips and meshes, measured in about five seconds. For more, poses are further apart ...
-_MOST_WORK = 6_000_000
+# Triangles times poses of all clips and meshes, measured in two to three seconds. For more, poses are further apart ...
+_MOST_WORK = 3_000_000
 # ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take 4 s, and 7 s with 9 poses.
 _FEWEST_POSES = 5
 # Least number of poses of a clip in which a tool's shortening is measured, which takes next to nothing.
