@@ -24,6 +24,7 @@ from wrinklecli.gltf.document import read_document
         ("a.glb", b"version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
         ("tools.yaml", b"version: 1\n", ["a tools file (YAML), where a glTF asset (.glb, .gltf) belongs"]),
         ("tools.txt", b"# mine\nversion: 1\ntools:\n", ["a tools file (YAML)"]),
+        ("fields.txt", b"version: 1\nfields:\n", ["a tools file (YAML)"]),
         ("a.glb", b"hello", ["neither a .glb nor JSON"]),
     ],
 )

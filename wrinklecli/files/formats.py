@@ -2,6 +2,7 @@
 
 import re
 
+from wrinklecli.choices import EFFECTS
 from wrinklecli.frozen import dataclass
 
 MODEL_ENDINGS = (".glb", ".gltf", ".vrm")
@@ -59,7 +60,10 @@ def is_gltf(data: bytes) -> bool:
 
 def is_tools_file(data: bytes, name: str) -> bool:
     """True if a file seems to be a tools file or other YAML."""
-    return name.lower().endswith((".yaml", ".yml")) or re.search(rb"(?m)^tools:", data) is not None
+    return (
+        name.lower().endswith((".yaml", ".yml"))
+        or re.search(rb"(?m)^(%s):" % "|".join(EFFECTS).encode(), data) is not None
+    )
 
 
 def foreign_format(data: bytes, name: str) -> str | None:
