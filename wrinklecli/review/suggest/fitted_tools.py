@@ -165,7 +165,12 @@ def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> 
 
     No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
-    return _Search(further).ranked(candidates)
+    for search in (_Search(further), _Search(further, one_sided=True)):
+        found = search.ranked(candidates)
+        for first in found:
+            yield first
+            yield from found
+            return
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,10 +187,12 @@ class _Search:
 
     Attributes:
         further: As in `fit_tools`.
+        one_sided: True to accept one of a pair alone, if the pair would overlap.
         names: Identifiers that tools have already.
     """
 
     further: Sequence[Clip]
+    one_sided: bool = False
     names: frozenset[str] = frozenset()
 
     def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
@@ -226,7 +233,7 @@ class _Search:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
         region = candidate.region
         apart = not region.on_plane and abs(float(region.centre[0])) > _APART * min(region.length, region.width)
-        if region.twin and not (apart or region.on_plane):
+        if region.twin and not (apart or region.on_plane or self.one_sided):
             return None
         near = _near_joint(candidate)
         refined = None if near is None else _refined(near)
@@ -265,6 +272,8 @@ class _Search:
             if patches is None:
                 continue
             if len(patches) == 2 and _overlap(patches[0].regions[0], patches[1].regions[0]):
+                if self.one_sided:
+                    continue
                 return None
             shortenings = [shortenings_of(mesh, patch) for patch in patches]
             ratios = [greatest(each).ratio for each in shortenings]

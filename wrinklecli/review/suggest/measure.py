@@ -51,6 +51,7 @@ class MeasuredMesh:
         clips: Those that move it.
         times: (frames,) seconds of each clip at which tools are measured.
         node: The name of its node as a tool must give it; None if a tool need not.
+        flat: True for a mesh without normals, which is shaded flat.
         known_rows: The `node_rows` of nodes posed so far, by a clip's name and its number of poses.
     """
 
@@ -59,6 +60,7 @@ class MeasuredMesh:
     clips: tuple[Clip, ...]
     times: tuple[Floats, ...]
     node: str | None = None
+    flat: bool = False
     known_rows: dict[tuple[str, int], dict[int, Floats]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -161,7 +163,7 @@ def measure_meshes(
         sites, times, peaks = measured[id(each.gauge.surface)]
         own = replace(sites, gauge=each.gauge)
         ground = ground_of(document, each.gauge, neighbours)
-        meshes.append((MeasuredMesh(ground, own, each.clips, times, each.node), peaks))
+        meshes.append((MeasuredMesh(ground, own, each.clips, times, each.node, each.flat), peaks))
     return meshes
 
 
@@ -174,7 +176,7 @@ def _finer(clip: Clip, times: Floats, fps: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _MovedMesh:
-    """A mesh, not measured, and the clips that move it; `node` is as in `MeasuredMesh`.
+    """A mesh, not measured, and the clips that move it; `node` and `flat` are as in `MeasuredMesh`.
 
     Instances that all clips pose alike share the gauge's arrays.
     """
@@ -182,6 +184,7 @@ class _MovedMesh:
     gauge: Gauge
     clips: tuple[Clip, ...]
     node: str | None
+    flat: bool
 
     def triangle_count(self, clip: Clip) -> int:
         """The number of triangles to measure in a clip."""
@@ -207,7 +210,9 @@ def _moved_mesh(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> _Moved
     what = f"{len(surface.triangles):,} triangles to measure"
     document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
     rest = rest_pose(surface, rig, ToolsFile(path=document.path), clips, [])
-    return _MovedMesh(read_gauge(surface, rest, rig), clips, None)
+    primitives = document.items("meshes")[rig.mesh]["primitives"]
+    flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
+    return _MovedMesh(read_gauge(surface, rest, rig), clips, None, flat)
 
 
 def _motion_of(rig: Rig, clips: tuple[Clip, ...]) -> Hashable:

@@ -11,6 +11,7 @@ from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms
+from wrinklecli.choices import Scheme
 from wrinklecli.errors import log_findings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -189,10 +190,12 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         else:
             least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
             reason = _joined([*hard, least])
+        flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
+        scheme: Scheme = "midpoint" if flat else "butterfly"
         found = worthwhile(
             tried,
             fitted,
-            RefinementSettings(max_levels=max([RefinementSettings().max_levels, *levels])),
+            RefinementSettings(scheme=scheme, max_levels=max([RefinementSettings().max_levels, *levels])),
             count=options.count,
             budget=budget,
             everything=options.everything,

@@ -15,12 +15,14 @@ import numpy as np
 
 from wrinklecli.baking.split import planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
 from wrinklecli.effects.faults import departure_warnings, turned_warnings
 from wrinklecli.effects.plan import kind_of
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
@@ -47,6 +49,8 @@ _UNNOTICED = 0.035
 _LOOKS = 3
 # Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
 _MOST_CLIPS = 6
+# Frames of a clip that are checked: eleven minutes.
+_MOST_FRAMES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +235,7 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
     clips = _shortest_clips(suggestion, clips)
     for placement in placed.values():
         plan, part = placement.plan, placement.part
-        seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in clips]
+        seen = [seen_at(part, plan.rig, clip, _frames_of(clip, plan.rig)) for clip in clips]
         lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
         lines += turned_warnings(plan, part, seen)
         if lines:
@@ -320,3 +324,10 @@ def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]
     names = sorted((name for name in parts if parts[name]), key=suggestion.clips.__getitem__)[:_MOST_CLIPS]
     wanted = [part for name in (*names, suggestion.twin_clip) for part in parts.get(name, [name])]
     return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
+
+
+def _frames_of(clip: Clip, rig: Rig) -> Floats:
+    """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
+    frames = (clip.end - clip.start) * Sampling().fps
+    long = frames > _MOST_FRAMES
+    return np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, rig, fps=Sampling().fps)
