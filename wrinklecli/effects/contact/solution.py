@@ -207,8 +207,8 @@ class March:
     the solution has a fault. A pose that is further from the nearest solved one than such a pose fails, too, and after
     too many steps in vain so does each in which anything is near.
 
-    Poses that lie between two solved ones that are a step apart get a mean of both, unless something would cross. Runs
-    of poses are skipped before and after which nothing is near.
+    Poses that lie between two solved ones that are a step apart get a mean of both, unless something would cross, and
+    nothing does in these. Runs of poses are skipped before and after which nothing is near.
 
     Attributes:
         fold: The fold.
@@ -293,6 +293,9 @@ class March:
             outward=unit((1.0 - share) * one.outward + share * two.outward),
             between=(span.begin, span.end, share),
         )
+        # Where another mesh leaves no room, something crosses in any solution.
+        if one.crosses_itself or two.crosses_itself:
+            return between
         return None if self.tissue.crosses(between.positions_under(between.moved)) else between
 
     def _keep(self, state: SolverState, nearest: "_Reached | None") -> None:
