@@ -131,7 +131,8 @@ def test_folds_are_wider_where_a_budget_asks_for_it(jeans: tuple[Path, Suggestio
 @pytest.mark.long
 def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -> None:
     path, found = jeans
-    poor = suggest(path, budget=found.fields[0].gpu_bytes / 3)
+    # Even folds as wide as they may be take more.
+    poor = suggest(path, budget=0.4 * found.fields[0].gpu_bytes)
     assert not poor.fields
     assert [each.reason for each in poor.dropped][:1] == ["costly"]
     assert poor.tools
