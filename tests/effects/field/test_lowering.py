@@ -124,3 +124,18 @@ def test_what_is_lowered_rises_again_over_a_wavelength() -> None:
 def test_contact_changes_nothing_where_nothing_crosses() -> None:
     before, after = (deltas_of(planned(contact, 30.0)[1]) for contact in ("off", "resolve"))
     assert np.array_equal(before, after)
+
+
+def test_poses_of_clips_are_looked_at_before_those_of_sweeps() -> None:
+    looked = list[Floats]()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lowering, "_POSES", 5)
+        patch.setattr(lowering, "_crossing", lambda poses: looked.append(poses.weights) or [])
+        job, plan = planned.__wrapped__("resolve", 80.0)
+    (clip,), layer = job.clips, plan.layer(FieldLayer)
+    assert layer is not None
+    (field,) = layer.parts
+    shown = field.drive.weights_in(plan.rig, clip)(np.linspace(clip.start, clip.end, 25))
+    (weights,) = looked
+    assert len(weights) == 5
+    assert np.abs(weights[:, None] - shown).max(axis=2).min(axis=1) == pytest.approx(0.0, abs=1e-9)

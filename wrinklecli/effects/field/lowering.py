@@ -33,7 +33,7 @@ from wrinklecli.numeric.arrays import (
 from wrinklecli.numeric.intersections import Crossings, crossing, edges_of
 from wrinklecli.surface.refine import Refinement
 
-# Most poses, those with the greatest weights, in which the surface is looked at.
+# Most poses in which the surface is looked at.
 _POSES = 64
 # Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
 _MOMENTS, _DIGITS = 25, 3
@@ -194,9 +194,10 @@ class _Poses:
         vertices: Ints,
         moves: Floats,
     ) -> "_Poses":
-        """The poses of sweeps and clips with the greatest weights.
+        """The poses of clips with the greatest weights, then those of sweeps.
 
-        Clips show how far joints turn, and together: between the poses of a sweep a crease may turn a triangle.
+        Clips are what is seen. They show how far joints turn, and together: between the poses of a sweep a crease may
+        turn a triangle.
         """
         sweeps, factors = attached.sweeps, attached.factors
         matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
@@ -209,7 +210,8 @@ class _Poses:
         every = np.concatenate(weights)
         # A clip that goes to and fro has each pose twice.
         own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
-        chosen = own[np.argsort(-(every[own] ** 2).sum(axis=1), kind="stable")][:_POSES]
+        of_sweeps = own < len(sweeps.matrices)
+        chosen = own[np.lexsort((-(every[own] ** 2).sum(axis=1), of_sweeps))][:_POSES]
         inside = np.full(len(fine.positions), len(vertices))
         inside[vertices] = np.arange(len(vertices))
         padded = np.zeros((len(moves), 3, len(vertices) + 1))
