@@ -240,7 +240,7 @@ def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest
     worth = 2000
     monkeypatch.setattr(parts, "_WORTH", worth)
     monkeypatch.setattr(split, "_MATTERS", 0)
-    _, tools = sleeve_and_field(tmp_path, wavelength="9%")
+    _, tools = sleeve_and_field(tmp_path, wavelength="7%")
     asset = sleeve(rings=41, sides=12).write(tmp_path / "sleeve.glb")
     made = wrinklecli.bake(asset, tools, tmp_path / "split.glb", split=True)
     parted = Gltf(tmp_path / "split.glb")
