@@ -410,7 +410,8 @@ def test_another_asset_of_the_folder_is_opened_at_the_same_address(folder: Path,
             tab.press_text(name)
             tab.wait(f"document.body.innerText.includes({words!r})")
             take_picture(tab, f"opened_{name}")
-        assert tab.errors == []
+        # The page connects anew until the other asset is served.
+        assert [each for each in tab.errors if "ERR_CONNECTION_REFUSED" not in each] == []
 
 
 @pytest.mark.slow
