@@ -212,10 +212,10 @@ _README_LINES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 def readme_table(row: Mapping[str, str]) -> str:
     """Give README's table, made from a row of results.csv; a ratio that misses its goal is bold."""
     processor = f" ({row['processor']})" if row["processor"] else ""
-    load = f", at a load of {row['load']} by other programs, too" if row.get("load") else ""
+    load = f" Other programs were a load of {row['load']}." if row.get("load") else ""
     lines = [
         f"Version {row['release']}, measured on {row['date']} on {row['cores']} cores{processor}, with Python"
-        f" {row['python']}{load}:",
+        f" {row['python']}.{load}",
         "",
         "| | over | ratio | goal |",
         "|---|---|---|---|",

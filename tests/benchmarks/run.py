@@ -544,7 +544,7 @@ def edits(places: Places) -> Iterator[Row]:
     assets = cases(places.folder)
     if places.assets is None:
         assets = assets[-1:]
-    elif found(asset := places.assets / "trousers.glb"):
+    elif found(asset := places.assets / "hand.glb"):
         assets.append((asset, places.folder / "theirs.yaml"))
     for asset, tools in assets:
         each = felt(asset, tools, places.sizes.edits)
