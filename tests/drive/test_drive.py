@@ -332,7 +332,7 @@ def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None
 
 @given(st.permutations([*EFFECTS]), st.integers(0, len(EFFECTS)))
 def test_stored_drives_act_in_the_order_of_their_kinds(sections: list[str], count: int) -> None:
-    """In whichever order a file lists them; a bake always writes tools, so extras without them are of others."""
+    """A file may list them in any order. A bake always writes tools, so extras without them are of others."""
     entry = {section: [{"name": section}] for section in sections[:count]}
     if "tools" in entry:
         assert [each["name"] for each in stored_drives(entry)] == [each for each in EFFECTS if each in entry]

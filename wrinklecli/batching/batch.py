@@ -86,7 +86,7 @@ def _outcomes(
 
 @contextmanager
 def _without_empty_folders(jobs: Sequence[BatchJob]) -> Iterator[None]:
-    """In the end, remove the folders of outputs that were made for jobs that failed.
+    """Remove, in the end, the folders of outputs that were made for jobs that failed.
 
     None goes earlier, as another job may be about to write there.
     """

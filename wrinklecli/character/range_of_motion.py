@@ -187,7 +187,7 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
 
 
 def _is_of_body(rig: Rig, node: int, bones: Bones, clips: Sequence[Clip]) -> bool:
-    """Whether a joint moves a part of a body or face, or clips show how far it goes; all do on rigs without limbs."""
+    """True if a joint moves a part of a body or face, or clips show how far it goes; all do on rigs without limbs."""
     parts, above = bones.parts, node
     while above >= 0 and parts[above] != "head":
         above = int(rig.parents[above])

@@ -19,7 +19,7 @@ from kit.player import Gltf
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact import given_up, march, solution, tearing
+from wrinklecli.effects.contact import march, solution, tearing
 from wrinklecli.effects.contact.crease import Crease
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import FADE as STRIDES
@@ -290,12 +290,12 @@ def test_a_fold_that_tears_at_once_is_given_up(monkeypatch: pytest.MonkeyPatch, 
 def test_contact_fades_where_its_shapes_tear_the_surface_in_a_clip(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    torn = Crease.faulty_frames
+    torn = Crease.torn_frames
 
-    def torn_at_one(self: Crease, clip: Clip, times: np.ndarray, *more: Any) -> dict[int, str]:
-        return torn(self, clip, times, *more) | {int(np.argmin(np.abs(times - 1.0))): given_up.TORN}
+    def torn_at_one(self: Crease, clip: Clip, times: np.ndarray, *more: Any) -> set[int]:
+        return torn(self, clip, times, *more) | {int(np.argmin(np.abs(times - 1.0)))}
 
-    monkeypatch.setattr(Crease, "faulty_frames", torn_at_one)
+    monkeypatch.setattr(Crease, "torn_frames", torn_at_one)
     _, report = baked(tmp_path, "resolve")
     (fold,) = report.data["folds"]
     assert any("crease: contact would tear the surface in 'fold' at 1 s" in line for line in report.warnings)

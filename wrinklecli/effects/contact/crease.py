@@ -5,6 +5,7 @@ too. The solutions of sweeps and clips are compressed together into few shapes. 
 solutions, pose by pose. Players look them up by the joint's turn, also in clips that were never baked.
 """
 
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,7 +20,6 @@ from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fi
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.given_up import (
     DEGENERATE,
-    TORN,
     GivenUp,
     UnresolvedError,
     degenerate_given_up,
@@ -241,17 +241,20 @@ class Crease(Surface):
         unspanned = sorted({*crossing, *unspanned})
         return Followed(marched.clip, times, held, error, tuple(sorted(crossing)), tuple(unspanned), marched.faults)
 
-    def faulty_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> dict[int, str]:
-        """The frames, of some in a clip of (frames,) seconds, in which contact tears the surface, and why.
+    def torn_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> set[int]:
+        """The frames, of some in a clip of (frames,) seconds, in which contact tears the surface.
 
         `moves` are those of this fold, and of others that add to these.
         """
-        scale, found, fold = UNITS / self.fold.radius, dict[int, str](), self.fold
+        scale, fold = UNITS / self.fold.radius, self.fold
         shown = replace(fold, movers=(*fold.movers, *moves)).poses(clip, times[frames])
-        for frame, (given, _), (made, _) in zip(frames.tolist(), fold.poses(clip, times[frames]), shown, strict=True):
-            if self.tissue.tears(scale * given, scale * made):
-                found[frame] = TORN
-        return found
+        return {
+            frame
+            for frame, (given, _), (made, _) in zip(
+                frames.tolist(), fold.poses(clip, times[frames]), shown, strict=True
+            )
+            if self.tissue.tears(scale * given, scale * made)
+        }
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""
@@ -422,9 +425,8 @@ def _in_clip(
     jumps, marching = np.abs(np.diff(strides, axis=0)).max(axis=1) > _JUMP, March(fold, tissue)
     for part in np.split(np.arange(len(times)), 1 + np.flatnonzero(jumps)):
         if not is_clear(fold, tissue, clip, float(times[part[0]])):
-            way = March(fold, tissue)
-            for _ in way.through(approach(clip, float(times[part[0]]), fold.rig), np.linspace(0.0, 1.0, _APPROACH)):
-                pass
+            way, there = March(fold, tissue), approach(clip, float(times[part[0]]), fold.rig)
+            deque(way.through(there, np.linspace(0.0, 1.0, _APPROACH)), maxlen=0)
             marching.reached += way.reached
         yield from marching.through(clip, times[part], strides[part])
 

@@ -2,8 +2,8 @@
 
 A pose with a fault has the weights of the last good one (`Crease.follow`). Where poses with a fault that follow each
 other cross more than the skin alone, they lose contact, or their wrinkles are lowered; contact that tears the surface
-is lost, too. All other poses keep what they have, and it fades between. A fold
-that is given up has no contact in any pose; its wrinkles are lowered alike.
+is lost, too. All other poses keep what they have, and it fades between. A fold that is given up has no contact in any
+pose; its wrinkles are lowered alike.
 
 What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
@@ -21,7 +21,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.drive import Rows
 from wrinklecli.effects.contact.fold import FAINT, Fold
-from wrinklecli.effects.contact.given_up import WORSE
+from wrinklecli.effects.contact.given_up import TORN, WORSE
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
@@ -113,15 +113,15 @@ def shown_in(
     looks = [_Look(each.fold, each.counting, clip, times, tuple(moves), tuple(beside)) for each in creases]
     strides = np.stack([each.fold.hinge.strides(each.fold.rig, clip, times) for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
-    torn = [each.faulty_frames(clip, times, acting, [*beside, *moves]) for each in creases]
+    torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
     unsettled = [frame for each in followed for frame in each.faults]
     acting = distinct_values(np.array([*acting, *unsettled], np.intp))
     worse = [look.worse(look.crossings(acting, 1.0, 1.0)) for look in looks]
     faults = [
-        dict.fromkeys(np.flatnonzero(more).tolist(), WORSE) | broken | dict(each.faults)
+        dict.fromkeys(np.flatnonzero(more).tolist(), WORSE) | dict.fromkeys(broken, TORN) | dict(each.faults)
         for each, broken, more in zip(followed, torn, worse, strict=True)
     ]
-    broken = {frame for each in torn for frame in each}
+    broken = set[int]().union(*torn)
     bad = np.array(sorted({frame for each in faults for frame in each}), np.intp)
     whole, low, left = _faded(looks, strides, bad, acting, broken)
     made = [

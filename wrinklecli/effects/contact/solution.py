@@ -260,9 +260,9 @@ class March:
         first = self._between(poses[0])
         if first is not None or last.between is not None:
             return [first or self._solve(poses[0])]
-        moves = list[float]()
+        moves, rows = list[float](), self.tissue.rows
         for posed, turns in zip(poses, strides[1:], strict=False):
-            apart = _apart(posed.positions, last.positions, self.tissue.rows)
+            apart = _apart(posed.positions[rows], last.positions[rows])
             moved = max(apart / _STEP, float(np.abs(turns - strides[0]).max()))
             if moves and moved > 1.0:
                 break
@@ -271,17 +271,18 @@ class March:
         count = len(moves) - int(np.argmax(moves[::-1]))
         end = self._solve(poses[count - 1])
         if end.touches:
-            self.spans.append(_Span(self.count - 1, self.count + count - 1, last, end))
+            length = max(_apart(last.positions[rows], end.positions[rows]), TINY)
+            self.spans.append(_Span(self.count - 1, self.count + count - 1, last, end, length))
         return [*(self._between(posed) or self._solve(posed) for posed in poses[: count - 1]), end]
 
     def _between(self, posed: SkinnedPose) -> Solution | None:
         """The mean of two solutions between which a pose lies; None if there are none, or something would cross."""
         rows, least, found = self.tissue.rows, _DETOUR, None
+        places = posed.positions[rows]
         for span in self.spans:
-            before, after = (_apart(posed.positions, each.positions, rows) for each in (span.first, span.second))
-            whole = max(_apart(span.first.positions, span.second.positions, rows), TINY)
-            if before + after < least * whole:
-                least, found = (before + after) / whole, (span, before / max(before + after, TINY))
+            before, after = (_apart(places, each.positions[rows]) for each in (span.first, span.second))
+            if before + after < least * span.length:
+                least, found = (before + after) / span.length, (span, before / max(before + after, TINY))
         if found is None:
             return None
         span, share = found
@@ -305,8 +306,11 @@ class March:
 
     def _solve(self, posed: SkinnedPose) -> Solution:
         """Solve a pose from the nearest solved one."""
-        nearest = min(self.reached, key=lambda each: each.distance(posed), default=None)
-        apart = 0.0 if nearest is None else nearest.distance(posed)
+        apart, nearest = min(
+            ((_apart(posed.positions, each.state.posed.positions), each) for each in self.reached),
+            key=lambda each: each[0],
+            default=(0.0, None),
+        )
         if (nearest is None or apart < nearest.reach) and self.steps.suffice:
             (state,) = march(self.tissue, [posed], None if nearest is None else nearest.state)
             if state.converged and state.correction.any() and self.tissue.tears(posed.positions, state.positions):
@@ -339,17 +343,18 @@ class March:
 
 @dataclass(frozen=True, slots=True)
 class _Span:
-    """Two solved poses, and their numbers."""
+    """Two solved poses, their numbers, and how far apart they are."""
 
     begin: int
     end: int
     first: Solution
     second: Solution
+    length: float
 
 
-def _apart(positions: Floats, others: Floats, rows: Ints) -> float:
-    """Greatest distance of (vertices, 3) positions from others in some rows, by coordinates."""
-    return float(np.abs(positions[rows] - others[rows]).max(initial=0.0))
+def _apart(positions: Floats, others: Floats) -> float:
+    """Greatest distance of (vertices, 3) positions from others, by coordinates."""
+    return float(np.abs(positions - others).max(initial=0.0))
 
 
 def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
@@ -384,14 +389,10 @@ class _Reached:
     state: SolverState
     reach: float = np.inf
 
-    def distance(self, posed: SkinnedPose) -> float:
-        """Greatest distance of a vertex in another pose, solver's units."""
-        return float(np.abs(posed.positions - self.state.posed.positions).max())
-
     def stands_for(self, other: SolverState) -> bool:
         """True if poses that would start from another state may as well start from here."""
         alike = bool(other.correction.any()) == bool(self.state.correction.any())
-        return alike and self.distance(other.posed) < _APART
+        return alike and _apart(other.posed.positions, self.state.posed.positions) < _APART
 
 
 def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:

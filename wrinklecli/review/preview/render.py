@@ -37,7 +37,7 @@ _ALPHAS = (np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, slots=True)
 class Opacities:
-    """Which part of each triangle shows, by its material's `alphaMode`: lace has holes, and glass lets light through.
+    """The parts of triangles that show, by the material's `alphaMode`: lace has holes, and glass lets light through.
 
     Source: glTF 2.0 §3.9.4 (alpha coverage).
 

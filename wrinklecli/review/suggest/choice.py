@@ -167,10 +167,8 @@ def _judged(
     asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
 ) -> Iterator[Candidate]:
     """Give candidates their materials and faults. A pose is looked at once for all layers that may hide some."""
-    document, layers = (
-        asset.document,
-        Layers(asset.scene, list({id(each.clip): each.clip for each in candidates}.values())),
-    )
+    document = asset.document
+    layers = Layers(asset.scene, list({id(each.clip): each.clip for each in candidates}.values()))
     covered: dict[int, bool] = {}  # instances share their regions
     body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
     bones = body.bones
