@@ -294,7 +294,9 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
             return rig.morph_names[moving[int(np.argmin(alone))]], True
     joint_weights = _joint_weights(mesh, region)
     beyond = rig.joints_below @ joint_weights
-    merits = beyond * (1.0 - beyond) * _turns(rig, clip, candidate.time)
+    merits = beyond * (1.0 - beyond)
+    bending = np.flatnonzero(merits > 0)
+    merits[bending] *= _turns(rig, clip, candidate.time, bending)
     joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(joint_weights.argmax())
     return rig.names[rig.joints[joint]], False
 
@@ -309,10 +311,10 @@ def _joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     return weights
 
 
-def _turns(rig: Rig, clip: Clip, time: float) -> Floats:
-    """(joints,) angles by which a clip turns each joint from its stored pose, radians."""
-    turns = np.zeros(len(rig.joints))
-    for number, node in enumerate(rig.joints.tolist()):
+def _turns(rig: Rig, clip: Clip, time: float, joints: Ints) -> Floats:
+    """(joints,) angles by which a clip turns joints of some numbers from their stored pose, radians."""
+    turns = np.zeros(len(joints))
+    for number, node in enumerate(rig.joints[joints].tolist()):
         channel = clip.channel(node, "rotation")
         if channel is not None:
             ends = [sample(channel, np.array([time]))[0], rig.locals[node]["rotation"]]
