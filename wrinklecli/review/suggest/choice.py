@@ -24,7 +24,6 @@ from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.substance import (
     Makeup,
@@ -109,7 +108,7 @@ def joined_expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
 
 
 def choose_candidates(
-    asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions
+    document: Document, candidates: Sequence[Candidate], layers: Layers, options: SuggestOptions
 ) -> tuple[list[Candidate], list[str], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
@@ -120,14 +119,13 @@ def choose_candidates(
     Raises:
         AssetError: No node, mesh or material has a name in `options.materials`.
     """
-    document = asset.document
     _refuse_unknown(document, options.materials)
     pictures = Pictures(document)
     chosen: list[Candidate] = []
     hard: dict[str, None] = {}
     made_of: dict[str, dict[str, Substance]] = {}
     left_out: dict[str, list[str]] = {}
-    for each in _judged(asset, candidates, options, pictures):
+    for each in _judged(document, candidates, layers, options, pictures):
         assert each.substance is not None
         where = each.mesh.rig.names[each.mesh.rig.node]
         if each.fault and not options.everything:
@@ -164,11 +162,9 @@ def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
 
 
 def _judged(
-    asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
+    document: Document, candidates: Sequence[Candidate], layers: Layers, options: SuggestOptions, pictures: Pictures
 ) -> Iterator[Candidate]:
     """Give candidates their materials and faults. A pose is looked at once for all layers that may hide some."""
-    document = asset.document
-    layers = Layers(asset.scene, list({id(each.clip): each.clip for each in candidates}.values()))
     covered: dict[int, bool] = {}  # instances share their regions
     body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
     bones = body.bones

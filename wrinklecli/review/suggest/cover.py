@@ -6,7 +6,7 @@ that wears them, whereas a forearm in front of an upper arm looks at it.
 
 import hashlib
 from collections.abc import Collection, Hashable, Iterator, Sequence
-from functools import cached_property, lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -57,8 +57,9 @@ class Layers:
                 self._nodes[number].add(each.rig.node)
         self._moving = [moving_nodes(each.rig) for each in self._layers]
         self._moment: tuple[Clip, float] | None = None
-        self._boxes = np.zeros((0, 2, 3))
+        self._boxes: dict[int, Floats] = {}
         self._posed = lru_cache(_KNOWN_LAYERS)(self._pose)
+        self._stored_box = cache(self._bounds)
 
     def near(self, clip: Clip, time: float, low: Floats, high: Floats, *, node: int) -> Iterator[Floats]:
         """(triangles, 3, 3) corners, in a pose, of each layer that may reach into a box, but not of a node's own.
@@ -68,22 +69,21 @@ class Layers:
         if self._moment is None or self._moment[0] is not clip or self._moment[1] != time:
             self._moment = clip, time
             self._posed.cache_clear()
-            self._boxes = self._stored_boxes.copy()
-            for number, moving in enumerate(self._moving):
-                if not moving.isdisjoint(clip.nodes):
-                    self._boxes[number] = _box(self._posed(number))
-        boxes = self._boxes
-        # Comparisons with the infinite bounds of a hidden layer are False.
-        meets = ((boxes[:, 0] <= high) & (boxes[:, 1] >= low)).all(axis=1)
-        for number in np.flatnonzero(meets).tolist():
-            if self._nodes[number] != {node}:
+            self._boxes = {}
+        for number, nodes in enumerate(self._nodes):
+            if nodes == {node}:
+                continue
+            if number not in self._boxes:
+                moves = not self._moving[number].isdisjoint(clip.nodes)
+                self._boxes[number] = _box(self._posed(number)) if moves else self._stored_box(number)
+            least, most = self._boxes[number]
+            # Comparisons with the infinite bounds of a hidden layer are False.
+            if (least <= high).all() and (most >= low).all():
                 yield self._posed(number)
 
-    @cached_property
-    def _stored_boxes(self) -> Floats:
-        """(layers, 2, 3) bounds in the stored pose."""
-        found = [_box(_corners(layer, None, 0.0)) for layer in self._layers]
-        return np.array(found).reshape(-1, 2, 3)
+    def _bounds(self, number: int) -> Floats:
+        """(2, 3) bounds in the stored pose."""
+        return _box(_corners(self._layers[number], None, 0.0))
 
     def _pose(self, number: int) -> Floats:
         assert self._moment is not None

@@ -27,7 +27,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, diagonal
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.review.suggest.cover import Layers, is_covered
+from wrinklecli.review.suggest.cover import is_covered
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.stage import Stage
@@ -114,10 +114,9 @@ def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: Su
     """Find the garments among meshes; of instances the first one counts."""
     garments: list[Garment] = []
     parts = read_bones(asset.document).parts
-    layers = Layers(asset.scene, [clip for mesh in meshes for clip in mesh.clips])
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
-            found = _garment(asset, mesh, parts, layers, [each.field.name for each in garments], options)
+            found = _garment(asset, mesh, parts, [each.field.name for each in garments], options)
             garments += [] if found is None else [found]
     return garments
 
@@ -126,7 +125,6 @@ def _garment(
     asset: TriedAsset,
     mesh: MeasuredMesh,
     parts: Sequence[PartOfBody | None],
-    layers: Layers,
     taken: Sequence[str],
     options: SuggestOptions,
 ) -> Garment | None:
@@ -137,19 +135,19 @@ def _garment(
     primitives = gauge.surface.primitives[gauge.numbers]
     hints = read_hints(document, rig, options.materials)
     told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
-    if not told.any():
+    apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[gauge.surface.heaviest]
+    folded = told & ~apart[gauge.triangles].all(axis=1)
+    bending = bending_nodes(document, rig, _LEAST_BENT)
+    joints = [rig.names[node] for node in bending if parts[node] not in _APART]
+    # What it is made of takes longest to find.
+    if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):
         return None
     kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
     kinds = np.where(asked < 0, kinds, asked)
-    apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[gauge.surface.heaviest]
-    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & told & ~apart[gauge.triangles].all(axis=1)).astype(np.float64)
+    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
     share = float(gauge.areas @ cloth / gauge.areas.sum())
-    if share < _SOME or is_covered(mesh, layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
-        return None
-    bending = bending_nodes(document, rig, _LEAST_BENT)
-    joints = [rig.names[node] for node in bending if parts[node] not in _APART]
-    if not joints:
+    if share < _SOME or is_covered(mesh, asset.stage.layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
         return None
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
     stem = _name_of([rig.names[rig.node], str(document.items("meshes")[rig.mesh].get("name", ""))])
@@ -200,7 +198,6 @@ def suggest_fields(
     asset: TriedAsset,
     garments: Sequence[Garment],
     clips: Sequence[Clip],
-    stage: Stage,
     budget: float,
     progress: Progress,
 ) -> tuple[list[SuggestedField], list[Dropped]]:
@@ -229,13 +226,13 @@ def suggest_fields(
             budget -= draft.gpu_bytes
             drafts.append(draft)
     fields = list[SuggestedField]()
-    for step, found in enumerate(in_processes(partial(_judged, clips, stage), drafts, asset.jobs), 1):
+    for step, found in enumerate(in_processes(partial(_judged, clips, asset.stage), drafts, asset.jobs), 1):
         progress("fields", step, len(drafts))
         if isinstance(found, Dropped):
             dropped.append(found)
         else:
             fields.append(found)
-    stage.let_go()
+    asset.stage.let_go()
     return fields, dropped
 
 

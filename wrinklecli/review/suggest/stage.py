@@ -108,7 +108,7 @@ class Stage:
     def __init__(self, scene: Sequence[ScenePrimitive], clips: Sequence[Clip]) -> None:
         """`clips` are all from which poses are asked for; the last of a name counts."""
         self._clips = {clip.name: clip for clip in clips}
-        self._layers = Layers(scene, list(clips))
+        self.layers = Layers(scene, list(clips))
         self._mesh = lru_cache(_KNOWN)(self._read)
         self._plain = lru_cache(_KNOWN)(self._pose)
 
@@ -175,7 +175,7 @@ class Stage:
     def _others(self, plan: MeshPlan, clip: Clip, time: float, low: Floats, high: Floats) -> Floats:
         """(triangles, 3, 3) corners of other meshes that meet a box."""
         found = [np.zeros((0, 3, 3))]
-        for corners in self._layers.near(clip, time, low, high, node=plan.rig.node):
+        for corners in self.layers.near(clip, time, low, high, node=plan.rig.node):
             triangles = np.arange(3 * len(corners)).reshape(-1, 3)
             found.append(corners[meets(corners.reshape(-1, 3), triangles, low, high)])
         return np.concatenate(found)

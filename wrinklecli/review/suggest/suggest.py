@@ -32,7 +32,6 @@ from wrinklecli.review.suggest.garments import (
 )
 from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
 from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
-from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
 from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
@@ -159,15 +158,14 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
             folds = generated if options.everything else folding(document, nodes, generated)
             clips = (*others, *joined_expressions(folds))
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-        tried = TriedAsset(document, joined.clips, jobs=options.jobs)
-        stage = Stage(tried.scene, (*clips, *joined.clips))
+        tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, checked, stage, budget, progress)
+        fields, unfit = suggest_fields(tried, garments, checked, budget, progress)
         budget -= sum(each.gpu_bytes for each in fields)
         folded = {each.field.name for each in fields}
         bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
         candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
-        chosen, reasons, hard = choose_candidates(tried, candidates, options)
+        chosen, reasons, hard = choose_candidates(document, candidates, tried.stage.layers, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
         fitted = fit_tools(chosen, generated)
@@ -199,7 +197,6 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
             count=options.count,
             budget=budget,
             everything=options.everything,
-            joined=clips,
             checked=checked,
             progress=progress,
         )

@@ -11,7 +11,7 @@ from functools import cached_property
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
-from wrinklecli.character.scene import ScenePrimitive, read_scene
+from wrinklecli.character.scene import read_scene
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
@@ -19,6 +19,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import among
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.stage import Stage
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
@@ -55,18 +56,28 @@ class Placement:
 class TriedAsset:
     """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
 
-    def __init__(self, document: Document, clips: Sequence[Clip], *, jobs: int = 1) -> None:
-        """`clips` are all of the asset; `jobs` is how many processes may try or look at suggestions."""
+    def __init__(
+        self, document: Document, clips: Sequence[Clip], *, joined: Sequence[Clip] = (), jobs: int = 1
+    ) -> None:
+        """Read nothing yet.
+
+        Args:
+            document: The asset.
+            clips: All of the asset.
+            joined: Further clips in which suggestions may be tallest.
+            jobs: How many processes may try or look at suggestions.
+        """
         self.jobs = jobs
         self.document = document
         self.clips = tuple(clips)
+        self._joined = tuple(joined)
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
 
     @cached_property
-    def scene(self) -> tuple[ScenePrimitive, ...]:
-        """All primitives that the scene shows, without malformed ones."""
-        return read_scene(self.document, leave_out_malformed=True)
+    def stage(self) -> Stage:
+        """All primitives that the scene shows, without malformed ones, in all clips."""
+        return Stage(read_scene(self.document, leave_out_malformed=True), (*self._joined, *self.clips))
 
     def ground(self, node: int) -> Ground:
         """The mesh of a node at rest; suggested tools are laid out in the stored pose."""

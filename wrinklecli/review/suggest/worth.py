@@ -125,7 +125,6 @@ def worthwhile(
     count: int,
     budget: float = math.inf,
     everything: bool,
-    joined: Sequence[Clip] = (),
     checked: Sequence[Clip] = (),
     progress: Progress = log_progress,
 ) -> Worthwhile:
@@ -138,12 +137,10 @@ def worthwhile(
         count: Most tools to keep.
         budget: Most bytes on a GPU that they may take; the best that fit are kept.
         everything: Keep all that can be baked, as they are, with their scores.
-        joined: Clips in which suggestions may be tallest, besides those of the asset.
         checked: Clips that `check` looks at.
         progress: Called with a stage's name, the tools found or left out so far, and those with the ones looked at.
     """
-    stage = Stage(asset.scene, (*joined, *asset.clips))
-    tried = partial(_tried, asset, stage, refinement, None if everything else checked)
+    tried = partial(_tried, asset, asset.stage, refinement, None if everything else checked)
     found = Worthwhile([], refinement, [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
     while batch := list(islice(remaining, count - len(found.tools))):
