@@ -16,7 +16,11 @@ from wrinklecli.character.surface import read_surface
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.gltf.edited_document import EditedDocument
+from wrinklecli.gltf.split_mesh import Part, split_node
+from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import unit
+from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.rest import rest_pose
@@ -242,6 +246,27 @@ def test_nothing_is_worth_it_on_a_real_strip_of_facets() -> None:
     found = suggest_once(in_assets("simple_skin.gltf"))
     assert not found.tools
     assert {each.reason for each in found.dropped} == {"facets"}
+
+
+@pytest.mark.slow
+def test_a_leg_of_either_side_as_a_mesh_of_its_own_makes_a_pair(tmp_path: Path) -> None:
+    asset = tmp_path / "legs.glb"
+    document = read_document(sample("trousers"))
+    edited = EditedDocument(document)
+    mesh = document.items("meshes")[0]["primitives"][0]
+    positions, triangles = document.accessor(mesh["attributes"]["POSITION"]), document.accessor(mesh["indices"])
+    triangles = triangles.reshape(-1, 3).astype(np.intp)
+    left = positions[triangles, 0].mean(axis=1) > 0
+    nodes = split_node(edited, 0, [Part((triangles[left],), ()), Part((triangles[~left],), ())])
+    for number, name in zip(nodes, ("LegLeft", "LegRight"), strict=True):
+        edited.gltf["nodes"][number]["name"] = name
+    write(edited, asset)
+    found = suggest(asset, materials={"LegLeft": "skin", "LegRight": "skin"}, count=2)
+    assert all(each.mirrored for each in found.tools)
+    (tmp_path / "tools.yaml").write_text(found.text)
+    tools = load_tools(tmp_path / "tools.yaml").tools
+    assert {each.node for each in tools} == {"LegLeft", "LegRight"}
+    assert not check(asset, tmp_path / "tools.yaml").warnings
 
 
 @pytest.mark.slow

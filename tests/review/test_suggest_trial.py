@@ -34,7 +34,8 @@ def test_a_mesh_that_needs_more_levels_than_usual_gets_them(tmp_path: Path, monk
 
     monkeypatch.setattr("wrinklecli.effects.plan.refine", counted)
     tried = TriedAsset(document, read_clips(document))
-    refinement, placed = Trial.of(tried, suggestion(0.08, 0.2, 0.0)).placed(FACETED)
+    (trial,) = Trial.of(tried, suggestion(0.08, 0.2, 0.0))
+    refinement, placed = trial.placed(FACETED)
     assert list(placed) == ["fold"]
     assert not placed["fold"].coarse
     assert refinement.max_levels > FACETED.max_levels

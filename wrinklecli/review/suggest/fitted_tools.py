@@ -1,7 +1,7 @@
 """Tools fitted to candidates, best first: attached and measured over all clips as a bake does, with written numbers.
 
 A tool that lies on a better one, does not attach or hardly shortens is left out. A tool whose mirror image across x = 0
-shortens too becomes a pair.
+attaches too, to the same mesh or to one with the other side's name, becomes a pair.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
-from wrinklecli.review.suggest.draft import SLACK, pair_of, renamed, stem_and_side, tool_of, width_of
+from wrinklecli.review.suggest.draft import SLACK, across_x, pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.score import Score
@@ -165,7 +165,9 @@ def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> 
 
     No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
-    for search in (_Search(further), _Search(further, one_sided=True)):
+    of_sides = (each.mesh for each in candidates if each.mesh.node is not None and split_side(each.mesh.node)[1])
+    twins = {exchange_sides(mesh.node or ""): mesh for mesh in of_sides}
+    for search in (_Search(further, twins), _Search(further, twins, one_sided=True)):
         found = search.ranked(candidates)
         for first in found:
             yield first
@@ -187,11 +189,13 @@ class _Search:
 
     Attributes:
         further: As in `fit_tools`.
+        twins: By the name of a mesh, the mesh of the other side.
         one_sided: True to accept one of a pair alone, if the pair would overlap.
         names: Identifiers that tools have already.
     """
 
     further: Sequence[Clip]
+    twins: Mapping[str, MeasuredMesh]
     one_sided: bool = False
     names: frozenset[str] = frozenset()
 
@@ -282,16 +286,27 @@ class _Search:
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
                 patches, shortenings = patches[::-1], shortenings[::-1]
-            return self._suggested(candidate, patches, shortenings)
+            meshes = [mesh] * len(patches)
+            other = self.twins.get(mesh.node or "") if side and len(patches) == 1 else None
+            twin = other and attached(other, [across_x(patches[0].tool, exchange_sides(patches[0].tool.name))])
+            if other and twin:
+                meshes.append(other)
+                patches, shortenings = [*patches, *twin], [*shortenings, shortenings_of(other, twin[0])]
+            return self._suggested(candidate, meshes, patches, shortenings)
         return None
 
     def _suggested(
-        self, candidate: Candidate, patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]]
+        self,
+        candidate: Candidate,
+        meshes: Sequence[MeasuredMesh],
+        patches: list[Attached[WrinkleTool]],
+        shortenings: list[dict[str, Shortening]],
     ) -> _Fitted:
-        """A tool, or a pair whose first one is written."""
+        """A tool, or a pair whose first one is written; `meshes` are those of the patches."""
         mesh, driver, best = candidate.mesh, candidate.driver, greatest(shortenings[0])
         every = [
-            found | shortenings_of(mesh, patch, self.further) for patch, found in zip(patches, shortenings, strict=True)
+            found | shortenings_of(mesh, patch, self.further)
+            for mesh, patch, found in zip(meshes, patches, shortenings, strict=True)
         ]
         tools = with_rising_bumps(patches, every)
         twin = greatest(shortenings[1]) if len(tools) == 2 else None
@@ -319,9 +334,12 @@ class _Search:
         lower = [with_rising_bumps(patches, every, height=part * usual)[0] for part in _LOWER]
         others = [replace(suggestion, tool=tool) for tool in lower if tool != suggestion.tool]
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
-            wide = attached(mesh, [replace(each, profile=_WIDE_FURROWS) for each in tools])
-            if wide is not None:
-                others.append(replace(suggestion, tool=with_rising_bumps(wide, every)[0], own_profile=True))
+            wide = [
+                attached(each, [replace(tool, profile=_WIDE_FURROWS)]) for each, tool in zip(meshes, tools, strict=True)
+            ]
+            if all(wide):
+                tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], every)
+                others.append(replace(suggestion, tool=tool, own_profile=True))
         return _Fitted(replace(suggestion, others=tuple(others)), patches)
 
 

@@ -143,6 +143,9 @@ def _garment(
     if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):
         return None
     kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
+    # A garment that is named so is one as a whole, whatever colours it has.
+    named = np.array([each.material is not None and each.material.kind == _CLOTH for each in hints])[primitives]
+    kinds[named & (kinds != SUBSTANCES.index("hard"))] = SUBSTANCES.index(_CLOTH)
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
     kinds = np.where(asked < 0, kinds, asked)
     cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)

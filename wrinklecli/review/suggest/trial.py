@@ -91,7 +91,7 @@ class TriedAsset:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """A suggestion and its twin, attached to their mesh alone.
+    """A suggestion and its twin, or one of them, attached to their mesh alone.
 
     Attributes:
         ground: The mesh at rest.
@@ -104,8 +104,8 @@ class Trial:
     settings: ToolsFile
 
     @classmethod
-    def of(cls, asset: TriedAsset, suggestion: Suggestion) -> "Trial":
-        """Attach a suggestion as a bake does.
+    def of(cls, asset: TriedAsset, suggestion: Suggestion) -> "list[Trial]":
+        """Attach a suggestion as a bake does, to each mesh that has it or its twin.
 
         Raises:
             AssetError: The asset's lengths are beyond the range of a tools file.
@@ -113,8 +113,8 @@ class Trial:
         """
         text = tools_text([suggestion], "", presets=["presets.yaml"])
         settings = read_suggested(text, asset.document, [suggestion])
-        ((node, tools),) = tools_by_node(asset.document, settings)[0].items()
-        return cls(*attach_effects(asset.ground(node), tools, settings), settings)
+        of_nodes = tools_by_node(asset.document, settings)[0]
+        return [cls(*attach_effects(asset.ground(node), of_nodes[node], settings), settings) for node in of_nodes]
 
     @property
     def smooth(self) -> float:

@@ -42,6 +42,8 @@ _RAISED = 1e-3
 _SLIT = 0.1
 # Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
 _OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
+# Shapes of contact, each over all of the place: the median of the folds in contact.csv.
+_SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
@@ -177,11 +179,14 @@ def _tried(
     """
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
     try:
-        trial = Trial.of(asset, suggestion)
-        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=trial.smooth))
+        trials = Trial.of(asset, suggestion)
+        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials)))
         if checked is not None and not best.is_kept:
             return dropped(*best.reason), refinement
-        needed, placed = trial.placed(refinement)
+        needed, placed = refinement, dict[str, Placement]()
+        for trial in trials:
+            needed, more = trial.placed(needed)
+            placed |= more
     except BakeError as error:
         return dropped("refused", 0.0, error.lines[0]), refinement
     if any(each.coarse for each in placed.values()):
@@ -205,7 +210,7 @@ def _judged(
         suggestion,
         judgement=None if look is None else look.score,
         height=0.0 if look is None else look.tallest.height,
-        gpu_bytes=sum(planned_bytes(each.plan, each.part.target_vertices) for each in placed.values()),
+        gpu_bytes=_cost(placed),
         is_judged=True,
     )
     if checked is None:
@@ -217,13 +222,20 @@ def _judged(
         return dropped(*judged.judgement.reason)
     if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(look.tallest):
         tool = replace(suggestion.tool, contact=Contact()) if kind_of("folds").is_installed else suggestion.tool
-        judged = replace(judged, tool=tool, crossings=look.tallest.crossings)
+        judged = replace(judged, tool=tool, crossings=look.tallest.crossings, gpu_bytes=_cost(placed, tool.contact))
     warning, needed = _checked(suggestion, placed, checked)
     if not warning:
         return judged
     if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
         return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), is_judged=False)
     return suggestion.next or dropped("warned", 0.0, warning)
+
+
+def _cost(placed: dict[str, Placement], contact: Contact | None = None) -> int:
+    """Bytes on a GPU of a tool and its twin."""
+    shapes = 0 if contact is None else _SHAPES_OF_CONTACT
+    parts = [(each.plan, each.part) for each in placed.values()]
+    return sum(planned_bytes(plan, [*part.target_vertices, *[part.vertices] * shapes]) for plan, part in parts)
 
 
 def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequence[Clip]) -> tuple[str, float]:
