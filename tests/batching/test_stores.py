@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from kit import web
+from kit.clients import need
 from kit.command import Wrinkle
 from kit.limb import limb_asset, write_tools
 from wrinklecli.batching import stores, worker
@@ -123,7 +124,7 @@ SMALL = 10**6  # bytes that a file may have in these tests
 
 @pytest.fixture
 def http() -> None:
-    pytest.importorskip("aiohttp")
+    need("aiohttp")
 
 
 @pytest.mark.usefixtures("http")

@@ -21,6 +21,7 @@ from unittest.mock import patch
 from kit import web
 from kit.asset import Json
 from kit.cases import DEVICES, PRESETS, WEB, Case
+from kit.clients import need
 from kit.damage import Edit, copied, damaged, damaged_presets, edit_bytes, edit_tree, is_baked
 from kit.guard import Fault, failing, only_within
 from kit.hostile import MEGABYTES, SECONDS, bounded, corpus, packed
@@ -245,6 +246,7 @@ def attack(case: Case, folder: Path) -> int:
     """
     prepare(case, folder)
     if "--plot" in case.arguments:
+        need("matplotlib")
         import matplotlib.font_manager  # noqa: F401  # keeps a list of fonts beside the user's files, made on first use
     command = case.arguments[0]
     before, inputs = _found(folder), _inputs(case, folder)

@@ -5,6 +5,7 @@ skipped with the reason; where `CI` is set it fails instead.
 """
 
 import atexit
+import importlib.util
 import json
 import os
 import shutil
@@ -62,6 +63,12 @@ def give_up(reason: str) -> NoReturn:
     if IN_CI:
         pytest.fail(reason, pytrace=False)
     pytest.skip(reason)
+
+
+def need(module: str) -> None:
+    """Skips the test without a package of the extra `test-more`; fails it where `CI` is set."""
+    if importlib.util.find_spec(module) is None:
+        give_up(f"{module} is not installed: pip install '.[test-more]'")
 
 
 @cache

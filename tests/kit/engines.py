@@ -1,12 +1,11 @@
 """Engines and libraries that tests hold a bake against, besides those of `kit.clients`.
 
-Babylon.js, Filament and Godot 4 come with node's other packages, VTK with `pip install '.[engines]'`, assimp with
+Babylon.js, Filament and Godot 4 come with node's other packages, VTK with `pip install '.[test-more]'`, assimp with
 Debian's `assimp-utils`, Chromium with `chromium`.
 A test that needs what is not there is skipped with the reason; where `CI` is set it fails instead.
 """
 
 import base64
-import importlib.util
 import json
 import shutil
 import subprocess
@@ -21,7 +20,7 @@ import numpy as np
 
 from kit.asset import pack_glb, read_glb
 from kit.browser import Page, browsing, serving
-from kit.clients import HERE, Floats, ask, give_up, requireinstall
+from kit.clients import HERE, Floats, ask, give_up, need, requireinstall
 from kit.player import Gltf
 
 
@@ -109,8 +108,7 @@ def browser_page(
 
 def vtk_pose(file: Path, clip: int, times: Sequence[float]) -> Floats:
     """(times, vertices, 3) positions of a file with one mesh as VTK computes them: in the space of the scene."""
-    if importlib.util.find_spec("vtkmodules") is None:
-        give_up("VTK is not installed: pip install '.[engines]'")
+    need("vtkmodules")
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder, "posed.npy")
         command = [sys.executable, HERE / "vtk_pose.py", file, str(clip), output, *(repr(float(t)) for t in times)]

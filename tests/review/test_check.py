@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import wrinklecli
 from kit.asset import Asset
+from kit.clients import need
 from kit.command import Wrinkle, files
 from kit.fields import sleeve_and_field
 from kit.golden import Golden
@@ -455,6 +456,7 @@ def test_each_tool_has_a_row_that_says_what_to_look_at(wrinkle: Wrinkle, tmp_pat
 
 @pytest.mark.slow
 def test_strict_refuses_warnings_and_errors_are_1(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    need("matplotlib")
     write_tools(tmp_path / "tools.yaml", PALM, BACK, refinement={})
     ran = wrinkle("check", WRIST, "tools.yaml", "--clip", "flex", "--strict")
     assert ran.code == 3
@@ -537,6 +539,7 @@ def test_warned_where_much_of_a_wrinkle_s_height_shows_at_rest(
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["svg", pytest.param("png", marks=pytest.mark.slow)])
 def test_a_picture_is_the_same_in_every_process(wrinkle: Wrinkle, tmp_path: Path, kind: str) -> None:
+    need("matplotlib")
     write_tools(tmp_path / "tools.yaml", PALM, BACK)
     (tmp_path / "folder").mkdir()
     here, there = tmp_path / f"plot.{kind}", tmp_path / "folder" / f"plot.{kind}"
@@ -553,6 +556,7 @@ def test_a_picture_is_the_same_in_every_process(wrinkle: Wrinkle, tmp_path: Path
 
 @pytest.mark.slow
 def test_a_picture_shows_names_as_they_are(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    need("matplotlib")
     asset = limb_asset()
     asset.gltf["animations"][0]["name"] = "_$\\frac{<a>&"
     asset.write(tmp_path / "limb.glb")
@@ -569,6 +573,7 @@ def test_a_picture_shows_names_as_they_are(wrinkle: Wrinkle, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_a_clip_and_a_tool_that_never_act_are_drawn_too(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    need("matplotlib")
     limb(tmp_path / "limb.glb", clip=None, morphs=1)
     write_tools(tmp_path / "tools.yaml", tool(details=[0.2], profile="polyline", strategy="origin"))
     assert wrinkle("check", "limb.glb", "tools.yaml", "--plot", "a.png").code == 0
@@ -576,6 +581,7 @@ def test_a_clip_and_a_tool_that_never_act_are_drawn_too(wrinkle: Wrinkle, tmp_pa
 
 
 def test_a_picture_takes_no_input_s_place(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    need("matplotlib")
     asset = limb_asset()
     asset.write(tmp_path / "limb.svg")
     write_tools(tmp_path / "tools.yaml")
@@ -588,6 +594,7 @@ def test_a_picture_takes_no_input_s_place(wrinkle: Wrinkle, tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_a_plot_looks_as_before(tmp_path: Path, wrinkle: Wrinkle, golden: Golden) -> None:
+    need("matplotlib")
     tools = write_tools(tmp_path / "tools.yaml", PALM, BACK)
     assert wrinkle("check", WRIST, tools, "--max-levels", "0", "--plot", "plot.png").code == 0
     golden.picture(tmp_path / "plot.png", "plot.png", reduced=4)
@@ -767,6 +774,7 @@ def test_a_pose_in_place_of_clips_is_no_want_of_clips(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_picture_of_no_control_curve_is_refused(wrinkle: Wrinkle, tmp_path: Path) -> None:
     """Fields have none, nor have muscles and flesh."""
+    need("matplotlib")
     asset, tools = sleeve_and_field(tmp_path)
     ran = wrinkle("check", asset, tools, "--plot", tmp_path / "a.svg")
     assert (ran.code, ran.lines) == (1, [f"{tools}: no wrinkling tool has a control curve to draw"])

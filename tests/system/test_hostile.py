@@ -21,6 +21,7 @@ from kit import hostile
 from kit.asset import Asset, pack_glb, read_glb
 from kit.attack import attack, prepare, run
 from kit.cases import ANSWERS, MOTIONS, WEB, Case, loaded, make_case
+from kit.clients import need
 from kit.damage import copied, edit_tree, tree_edit
 from kit.limb import limb_asset, tool, write_tools
 from kit.manifests import NAMES
@@ -531,6 +532,8 @@ def test_json_has_long_names_whole(tmp_path: Path) -> None:
     ids=" ".join,
 )
 def test_names_of_files_need_be_no_utf8(tmp_path: Path, arguments: list[str]) -> None:
+    if "--plot" in arguments:
+        need("matplotlib")
     prepare(Case("sound", 0, [], arguments), tmp_path)
     name = os.fsdecode(b"l\xffmb")
     asset = limb_asset(**SMALL)

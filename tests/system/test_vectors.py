@@ -14,7 +14,7 @@ import pytest
 
 from kit.bakes import bake_config, bake_once, place
 from kit.clients import HERE as CLIENTS
-from kit.clients import ask, drive, give_up
+from kit.clients import ask, drive, give_up, need
 from kit.flesh import SECONDS, bob, bob_share, body, jump, region
 from kit.places import FOLDER, ROOT
 from kit.vectors import CASES, Case, vectors
@@ -254,10 +254,9 @@ def test_the_nodes_of_godot_3_and_4_differ_in_what_the_engines_spell_otherwise()
 @pytest.mark.parametrize("name", ["wrinkle", "joints", "clips", "numbers", "driver_godot4", "maps_godot4"])
 def test_godot_4_can_parse_the_driver(name: str) -> None:
     """By its grammar; there is no Godot 4 here to run it."""
-    try:
-        from gdtoolkit.parser import parser
-    except ImportError:
-        give_up("gdtoolkit is not installed: pip install '.[engines]'")
+    need("gdtoolkit")
+    from gdtoolkit.parser import parser
+
     parser.parse((GODOT / f"{name}.gd").read_text())
     with pytest.raises(Exception, match="Unexpected token"):
         parser.parse((GODOT / "driver_godot3.gd").read_text())

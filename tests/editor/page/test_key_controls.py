@@ -1,7 +1,7 @@
 """Controls made from the schema: each key has one, and what they write is what the schema takes."""
 
 import pytest
-from jsonschema import Draft202012Validator
+from jsonschema_rs import Draft202012Validator
 
 from wrinklecli.choices import GROUPS
 from wrinklecli.editor.page.key_controls import ELSEWHERE, KeyControl, as_written, key_controls, percent_of
