@@ -567,7 +567,7 @@ def test_load_says_why_a_file_cannot_be_read(tmp_path, monkeypatch):
     for name, expected in [
         ("none.yaml", "none.yaml: cannot be read: No such file or directory"),
         ("folder", "folder: cannot be read: Is a directory"),
-        ("a\0b", "a\\x00b: cannot be read: embedded null"),
+        ("a\0b", "a\\x00b: cannot be read: its path has a null character"),
         ("a\nb", "a\\nb: cannot be read: No such file or directory"),
     ]:
         with pytest.raises(ConfigError) as caught:

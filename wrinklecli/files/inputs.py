@@ -11,9 +11,10 @@ def open_input(path: str | os.PathLike[str]) -> BinaryIO:
     """Open a file to read.
 
     Raises:
-        OSError: The file cannot be read, or is not a regular file.
-        ValueError: The path has a null character.
+        OSError: The file cannot be read, or is not a regular file, or its path has a null character.
     """
+    if "\0" in os.fsdecode(path):  # Python raises a ValueError, whose words differ from version to version
+        raise OSError(errno.EINVAL, "its path has a null character")
     # The check comes first, since opening some devices has effects.
     _refuse_others(os.stat(path).st_mode)
     return open(path, "rb", opener=_open)

@@ -32,9 +32,8 @@ def read_file(path: str, *, memory: Memory | None = None, where: str = "") -> me
             size = os.fstat(file.fileno()).st_size
             (memory or Memory()).claim(size, "the bytes of the file", where=where or path)
             return memoryview(file.read(size))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise AssetError(f"cannot be read: {reason or error}", where=where or path) from error
+    except OSError as error:
+        raise AssetError(f"cannot be read: {error.strerror or error}", where=where or path) from error
 
 
 def read_data_uri(uri: str, where: str, *, memory: Memory) -> memoryview:
@@ -89,7 +88,7 @@ def files_named(assets: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
         try:
             with open_input(asset) as file:
                 uris = references(file)
-        except (OSError, ValueError):
+        except OSError:
             continue
         yield from filter(None, (path_beside(asset, uri, external=True) for uri in uris))
 

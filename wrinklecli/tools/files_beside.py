@@ -22,9 +22,8 @@ def load_text(path: str | os.PathLike[str]) -> str:
     try:
         with open_input(path) as file:
             data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise ConfigError(f"cannot be read: {reason}", where=shown_name) from None
+    except OSError as error:
+        raise ConfigError(f"cannot be read: {error.strerror or error}", where=shown_name) from None
     if is_gltf(data):
         message = "is a glTF asset, where the tools file (YAML) belongs: the asset comes first, then the tools"
         raise ConfigError(message, where=shown_name)
@@ -68,7 +67,7 @@ def with_files_beside(paths: Iterable[str | os.PathLike[str]]) -> Iterator[str]:
         try:
             with open_input(path) as file:
                 named = files_beside(file)
-        except (OSError, ValueError):
+        except OSError:
             continue
         yield from (os.path.join(os.path.dirname(path), name) for name in named)
 
