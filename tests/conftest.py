@@ -31,7 +31,9 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # No test pulls the plug. Where a disk takes milliseconds to write a file, thousands of files take seconds.
 os.fsync = lambda _: None
 np.seterr(all="raise", under="ignore")
-settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=10)
+# `.ci/run --all` asks for more.
+_EXAMPLES = int(os.environ.get("WRINKLE_TESTS_EXAMPLES", "10"))
+settings.register_profile("wrinkle", derandomize=True, deadline=None, max_examples=_EXAMPLES)
 settings.load_profile("wrinkle")
 # Else Hypothesis also draws the constants of all modules that this process has imported by then: other examples in each
 # worker, after seconds in which it reads the modules.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.arrays import Floats
@@ -59,6 +59,8 @@ def test_what_goes_round_ends_as_it_begins(damping: float) -> None:
     damping=st.sampled_from([1.0, 1.2, 5.0]),
     gap=st.sampled_from([1e-7, 1e-3, 0.04, 3.0]),
 )
+@example(signal=[-7e-307, 1.0], damping=1.0, gap=1e-7)
+@example(signal=[1.0, 2.2e-311], damping=1.0, gap=1e-7)
 def test_without_overshoot_from_a_damping_of_1_on(signal: list[float], damping: float, gap: float) -> None:
     """Whatever it follows, however sudden: the answer stays between the least and the greatest."""
     times = np.cumsum([0.0] + [gap if k % 2 else 0.04 for k in range(len(signal) - 1)])

@@ -8,6 +8,7 @@ Source: W. E. Boyce, R. C. DiPrima, *Elementary Differential Equations*, chapter
 """
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
@@ -18,8 +19,9 @@ from wrinklecli.numeric.piecewise import Signal, greatest_of_rows, sampled, samp
 _STRAIGHT = 0.01
 # Least exponent of a decay: e^-300 is 1e-130, whose products do not underflow.
 _LEAST_EXPONENT = -300.0
-# Greatest imaginary part of a zero, as a fraction of a piece, that is a rounding error of a real zero.
-_REAL = 1e-9
+# Rounding errors of the zeros of a piece, as fractions of it: a zero with a smaller imaginary part is real, and one
+# that is nearer to an end is that end.
+_ROUNDED = 1e-9
 
 # An interval whose quartic is not exact enough is halved at most this often.
 _FIT_HALVINGS = 6
@@ -256,12 +258,13 @@ def positive(signal: Quartics) -> Quartics:
     begins, spans, parts, done = [], [], [], 0
     for piece in np.flatnonzero((np.abs(powers[:, 0]) <= spread) & (spread > 0)).tolist():
         # (cuts,) sorted fractions of a piece: 0, the zeros of a (5,) polynomial between the ends, and 1.
-        zeros = np.polynomial.polynomial.polyroots(np.trim_zeros(powers[piece], "b"))
-        real = np.sort(zeros.real[np.abs(zeros.imag) < _REAL])
-        cuts = distinct_values(np.concatenate([[0.0], real[(real > 0) & (real < 1)], [1.0]]))
+        trimmed = polynomial.polytrim(powers[piece], np.finfo(float).eps * spread[piece])
+        zeros = polynomial.polyroots(trimmed)
+        real = np.sort(zeros.real[np.abs(zeros.imag) < _ROUNDED])
+        cuts = distinct_values(np.concatenate([[0.0], real[(real > _ROUNDED) & (real < 1.0 - _ROUNDED)], [1.0]]))
         low, wide = cuts[:-1], np.diff(cuts)
         fractions = low[:, None] + NODES * wide[:, None]
-        values = np.polynomial.polynomial.polyval(fractions, powers[piece])
+        values = polynomial.polyval(fractions, powers[piece])
         above = values[:, 2] > 0
         begins += [signal.begins[done:piece], signal.begins[piece] + low * signal.spans[piece]]
         spans += [signal.spans[done:piece], wide * signal.spans[piece]]

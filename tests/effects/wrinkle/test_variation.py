@@ -217,10 +217,14 @@ def test_the_crests_of_bumps_that_merge_come_together_and_are_one_from_there_on(
 @given(cases())
 def test_joined_bumps_end_as_one_where_the_surface_turns_away(case: Case) -> None:
     u, v = lattice(case.variation)
-    places, turned = case.variation.places(u, v)
-    if places.joined is not None:
-        on_both = (places.joined[1:] > 0) & (places.joined[:-1] > 0)
-        assert not np.diff(turned, axis=0)[on_both & (np.diff(places.joined_us, axis=0) > 0)].any()
+    _, turned = case.variation.places(u, v)
+    lines = case.variation.turned * v
+    starts, ends = (each.reshape(-1, *u.shape) for each in case.variation.furrows(lines.reshape(-1)))
+    for merger in case.variation.mergers:
+        on_both = (merger.share(lines) > 0) & (u > starts[merger.left]) & (u < ends[merger.left + 1])
+        both_ways = on_both[1:] & on_both[:-1]
+        assert both_ways.any()
+        assert not np.diff(turned, axis=0)[both_ways].any()
 
 
 @pytest.mark.quick(1)
