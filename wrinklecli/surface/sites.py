@@ -17,7 +17,7 @@ from wrinklecli.numeric.arrays import Floats, Ints, diagonal, distinct, unit, we
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.portions import portions
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.surface.strain import Gauge, StrainedPart, principal, strain
+from wrinklecli.surface.strain import Gauge, StrainedPart, greatest_losses, strain
 
 # Radius of the neighbourhood over which strain is averaged, as a part of the diagonal of the mesh's box: 27 mm on a
 # person.
@@ -271,7 +271,7 @@ def _highest(
         if sites.gauge.strained.of(clip) is not area.part:
             area = _strained_area(sites, clip)
         for chunk in (every[part] for part in portions(len(every), max(area.gather.shape[1], len(area.sites)))):
-            found, _ = principal(_averaged(sites.gauge, area, clip, chunk), sites.normals[area.sites])
+            found = greatest_losses(_averaged(sites.gauge, area, clip, chunk), sites.normals[area.sites])
             best = found.argmax(axis=0)
             highest, first = np.zeros(count), np.zeros(count, np.intp)
             highest[area.sites], first[area.sites] = found[best, np.arange(len(area.sites))], best

@@ -297,6 +297,20 @@ def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
         (…, points) losses 1 − σ, and (…, points, 3) unit vectors of their directions.
     """
     first, second = tangents(normals)
+    mean, half, xy = _in_planes(tensors, first, second)
+    angle = np.arctan2(xy, half) / 2.0
+    directions = np.cos(angle)[..., None] * first + np.sin(angle)[..., None] * second
+    return mean + np.sqrt(half**2 + xy**2), directions
+
+
+def greatest_losses(tensors: Floats, normals: Floats) -> Floats:
+    """(…, points) losses as `principal` finds them, in half the time without their directions."""
+    mean, half, xy = _in_planes(tensors, *tangents(normals))
+    return np.asarray(mean + np.sqrt(half**2 + xy**2))
+
+
+def _in_planes(tensors: Floats, first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
+    """(…, points) half of the sum and of the difference of xx and yy, and xy, of tensors along two unit vectors."""
     # Six of a symmetric tensor's nine components are stored; the three off the diagonal count twice.
     twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     mixed = (product(first, second) + product(second, first)) / 2.0
@@ -304,11 +318,7 @@ def principal(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
         np.einsum("...pk,pk->...p", tensors, twice * product)
         for product in (product(first, first), mixed, product(second, second))
     )
-    half = (xx - yy) / 2.0
-    spread = np.sqrt(half**2 + xy**2)
-    angle = np.arctan2(xy, half) / 2.0
-    directions = np.cos(angle)[..., None] * first + np.sin(angle)[..., None] * second
-    return (xx + yy) / 2.0 + spread, directions
+    return (xx + yy) / 2.0, (xx - yy) / 2.0, xy
 
 
 def along_directions(tensors: Floats, normals: Floats, direction: Floats) -> Floats:
