@@ -30,10 +30,10 @@ from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.cover import is_covered
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
-from wrinklecli.review.suggest.stage import Stage
+from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
-from wrinklecli.review.suggest.trial import MOST_LEVELS, Placement, TriedAsset
+from wrinklecli.review.suggest.trial import MOST_LEVELS, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, fault_of
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
@@ -150,7 +150,7 @@ def _garment(
     kinds = np.where(asked < 0, kinds, asked)
     cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
     share = float(gauge.areas @ cloth / gauge.areas.sum())
-    if share < _SOME or is_covered(mesh, asset.stage.layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
+    if share < _SOME or is_covered(mesh, asset.layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
         return None
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
     stem = _name_of([rig.names[rig.node], str(document.items("meshes")[rig.mesh].get("name", ""))])
@@ -229,13 +229,12 @@ def suggest_fields(
             budget -= draft.gpu_bytes
             drafts.append(draft)
     fields = list[SuggestedField]()
-    for step, found in enumerate(in_processes(partial(_judged, clips, asset.stage), drafts, asset.jobs), 1):
+    for step, found in enumerate(in_processes(partial(_judged, asset, clips), drafts, asset.jobs), 1):
         progress("fields", step, len(drafts))
         if isinstance(found, Dropped):
             dropped.append(found)
         else:
             fields.append(found)
-    asset.stage.let_go()
     return fields, dropped
 
 
@@ -269,7 +268,7 @@ class _Draft:
         return cls(garment, attached, refined, planned_bytes(refined, attached.may_move(refined.fine)))
 
 
-def _judged(clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedField | Dropped:
+def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> SuggestedField | Dropped:
     """A field that is worth it, or the reason why it is not.
 
     It is looked at before a bake lowers it where it turns triangles over, which takes longest and always succeeds.
@@ -296,9 +295,9 @@ def _judged(clips: Sequence[Clip], stage: Stage, draft: _Draft) -> SuggestedFiel
         motion = seen[number].motion
         moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
     moments = list(dict.fromkeys(moments))
-    faults, kept = list[tuple[str, float]](), 0
+    placement, faults, kept = Placement(plan, part), list[tuple[str, float]](), 0
     for moment in moments:
-        fault = fault_of(stage, Placement(plan, part), *moment)
+        fault = fault_of(asset, placement, *moment)
         kept += fault is None
         faults += [] if fault is None else [fault]
         if 2 * len(faults) > len(moments):

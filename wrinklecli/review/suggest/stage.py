@@ -1,12 +1,10 @@
 """Suggested tools in a pose: the refined mesh near each, without and with its wrinkles, and what else is near it."""
 
-from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.frozen import dataclass
@@ -14,6 +12,7 @@ from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    among,
     any_of,
     children,
     diagonal,
@@ -34,8 +33,35 @@ _ROUND = 3.0
 _NEAR = 3.0
 # Bits of a triangle that a box meets, as `np.packbits` fills them from the left.
 _ALL_SIDES = 0b11111100
-# Most meshes, ready to be posed, and poses of them, in memory: tools of one mesh are tallest at a few moments.
-_KNOWN = 8
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A tool on the refined mesh.
+
+    Attributes:
+        plan: The mesh.
+        part: The tool on that mesh.
+    """
+
+    plan: MeshPlan
+    part: Part
+
+    @property
+    def coarse(self) -> bool:
+        """True if edges under the patch stay too long for its wrinkles."""
+        members = self.part.attached.regions[0].members
+        return bool(among(members, self.plan.fine.subdivision.unmet).any())
+
+    @property
+    def departs(self) -> bool:
+        """True if refinement moves the surface under the tool so much that it is visible at rest."""
+        return self.plan.fine.departs(self.part.region)
+
+    @cached_property
+    def mesh(self) -> SkinnedMesh:
+        """The refined mesh, ready to be posed."""
+        return self.plan.fine.skinned(self.plan.rig)
 
 
 @dataclass(frozen=True)
@@ -63,6 +89,54 @@ class StagedTool:
     shaded_flat: bool
     places: Floats
     bumps: int
+
+    @classmethod
+    def of(cls, placement: Placement, layers: Layers, clip: Clip, time: float) -> "StagedTool":
+        """Pose a tool at a time of a clip, seconds, amid all layers."""
+        plan, part = placement.plan, placement.part
+        fine, mesh, times = plan.fine, placement.mesh, np.array([time])
+        plain, chosen, region = mesh.positions_at(clip, time), part.vertices, part.attached.regions[0]
+        moved = part.displacements(fine, plan.rig, clip, times)
+        wrinkled, shown = plain.copy(), mesh.only(chosen).posed(clip, times, offsets=moved)
+        wrinkled[chosen] = shown.positions[0]
+        way = -1 if shown.mirrored[0] else 1
+        faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
+        members = children(fine.subdivision.parents, region.members)
+        on = flags_of(chosen[part.shares > _LEAST], len(plain))
+        if part.attached.segment is None:
+            tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
+            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
+        place[members] = on[faces[members]].any(axis=1)
+        low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
+        reach = _NEAR * float((high - low).max())
+        low, high = low - reach, high + reach
+        near = place | meets(plain, faces, low, high)
+        used = distinct_values(faces[near])
+        numbers = np.zeros(len(plain), np.intp)
+        numbers[used] = np.arange(len(used))
+        others = np.concatenate([np.zeros((0, 3, 3)), *layers.near(clip, time, low, high, node=plan.rig.node)])
+        others = others[meets(others.reshape(-1, 3), np.arange(3 * len(others)).reshape(-1, 3), low, high)]
+        corners = others.reshape(-1, 3)
+        beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
+        old = len(fine.surface.positions)
+        flat = fine.subdivision.interpolate(plain[:old])
+        normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles[:, ::way]))
+        across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
+        places = np.full((len(plain), 2), np.nan)
+        if part.attached.segment is not None:
+            _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
+            places[chosen] = np.stack([part.us, across], axis=1)
+        return cls(
+            flat_positions=np.concatenate([flat[used], corners]),
+            flat_normals=np.concatenate([normals[used], across_others]),
+            plain=np.concatenate([plain[used], corners]),
+            wrinkled=np.concatenate([wrinkled[used], corners]),
+            triangles=np.concatenate([numbers[faces[near]], beside]),
+            place=np.append(place[near], np.zeros(len(others), np.bool_)),
+            shaded_flat=not plan.has_normals,
+            places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
+            bumps=1 if part.attached.segment is None else part.attached.tool.bumps,
+        )
 
     @property
     def shown(self) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
@@ -100,98 +174,6 @@ class StagedTool:
         edges, triangles = crossings.at(self.plain)
         corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
         return int(there[corners].any(axis=1).sum())
-
-
-class Stage:
-    """Poses suggested tools, amid all meshes of the scene."""
-
-    def __init__(self, scene: Sequence[ScenePrimitive], clips: Sequence[Clip]) -> None:
-        """`clips` are all from which poses are asked for; the last of a name counts."""
-        self._clips = {clip.name: clip for clip in clips}
-        self.layers = Layers(scene, list(clips))
-        self._mesh = lru_cache(_KNOWN)(self._read)
-        self._plain = lru_cache(_KNOWN)(self._pose)
-
-    def let_go(self) -> None:
-        """Forget the plans that were posed, and their poses: they have been judged."""
-        self._mesh.cache_clear()
-        self._plain.cache_clear()
-
-    def clip(self, name: str) -> Clip:
-        """The clip of a name."""
-        return self._clips[name]
-
-    def staged(self, plan: MeshPlan, part: Part, name: str, time: float) -> StagedTool:
-        """Pose a tool of a plan at a time of the clip of a name, seconds."""
-        fine, mesh, clip, times = plan.fine, self._mesh(_Kept(plan)), self._clips[name], np.array([time])
-        plain, chosen, region = self._plain(mesh, name, time), part.vertices, part.attached.regions[0]
-        moved = part.displacements(fine, plan.rig, clip, times)
-        wrinkled, shown = plain.copy(), mesh.only(chosen).posed(clip, times, offsets=moved)
-        wrinkled[chosen] = shown.positions[0]
-        way = -1 if shown.mirrored[0] else 1
-        faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
-        members = children(fine.subdivision.parents, region.members)
-        on = flags_of(chosen[part.shares > _LEAST], len(plain))
-        if part.attached.segment is None:
-            tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
-            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
-        place[members] = on[faces[members]].any(axis=1)
-        low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
-        reach = _NEAR * float((high - low).max())
-        low, high = low - reach, high + reach
-        near = place | meets(plain, faces, low, high)
-        used = distinct_values(faces[near])
-        numbers = np.zeros(len(plain), np.intp)
-        numbers[used] = np.arange(len(used))
-        others = self._others(plan, clip, time, low, high)
-        corners = others.reshape(-1, 3)
-        beside = len(used) + np.arange(len(corners)).reshape(-1, 3)
-        old = len(fine.surface.positions)
-        flat = fine.subdivision.interpolate(plain[:old])
-        normals = fine.subdivision.interpolate(vertex_normals(plain[:old], fine.surface.triangles[:, ::way]))
-        across_others = np.repeat(face_normals(corners, np.arange(len(corners)).reshape(-1, 3)), 3, axis=0)
-        places = np.full((len(plain), 2), np.nan)
-        if part.attached.segment is not None:
-            _, across = region.coordinates(fine.posed_at(region.pose, chosen)[0])
-            places[chosen] = np.stack([part.us, across], axis=1)
-        return StagedTool(
-            flat_positions=np.concatenate([flat[used], corners]),
-            flat_normals=np.concatenate([normals[used], across_others]),
-            plain=np.concatenate([plain[used], corners]),
-            wrinkled=np.concatenate([wrinkled[used], corners]),
-            triangles=np.concatenate([numbers[faces[near]], beside]),
-            place=np.append(place[near], np.zeros(len(others), np.bool_)),
-            shaded_flat=not plan.has_normals,
-            places=np.concatenate([places[used], np.full((len(corners), 2), np.nan)]),
-            bumps=1 if part.attached.segment is None else part.attached.tool.bumps,
-        )
-
-    def _read(self, kept: "_Kept") -> SkinnedMesh:
-        return kept.plan.fine.skinned(kept.plan.rig)
-
-    def _pose(self, mesh: SkinnedMesh, name: str, time: float) -> Floats:
-        return mesh.positions_at(self._clips[name], time)
-
-    def _others(self, plan: MeshPlan, clip: Clip, time: float, low: Floats, high: Floats) -> Floats:
-        """(triangles, 3, 3) corners of other meshes that meet a box."""
-        found = [np.zeros((0, 3, 3))]
-        for corners in self.layers.near(clip, time, low, high, node=plan.rig.node):
-            triangles = np.arange(3 * len(corners)).reshape(-1, 3)
-            found.append(corners[meets(corners.reshape(-1, 3), triangles, low, high)])
-        return np.concatenate(found)
-
-
-class _Kept:
-    """A plan as a key: plans are equal only if they are the same object."""
-
-    def __init__(self, plan: MeshPlan) -> None:
-        self.plan = plan
-
-    def __hash__(self) -> int:
-        return id(self.plan)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Kept) and other.plan is self.plan
 
 
 def _box(corners: Floats) -> tuple[Floats, Floats]:

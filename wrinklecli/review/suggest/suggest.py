@@ -165,7 +165,7 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         folded = {each.field.name for each in fields}
         bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
         candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
-        chosen, reasons, hard = choose_candidates(document, candidates, tried.stage.layers, options)
+        chosen, reasons, hard = choose_candidates(document, candidates, tried.layers, options)
         rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
         hard = [*(f"{name} is rigid" for name in rigid), *hard]
         fitted = fit_tools(chosen, generated)

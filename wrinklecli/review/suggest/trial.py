@@ -6,20 +6,18 @@ triangles become short enough for them.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.scene import read_scene
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import MeshPlan, Part
 from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import among
+from wrinklecli.review.suggest.cover import Layers
 from wrinklecli.review.suggest.fitted_tools import Suggestion
-from wrinklecli.review.suggest.stage import Stage
+from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.text import read_suggested, tools_text
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
@@ -29,37 +27,13 @@ from wrinklecli.tools.records import RefinementSettings, ToolsFile
 MOST_LEVELS = 6
 
 
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """A tool on the refined mesh.
-
-    Attributes:
-        plan: The mesh.
-        part: The tool on that mesh.
-    """
-
-    plan: MeshPlan
-    part: Part
-
-    @property
-    def coarse(self) -> bool:
-        """True if edges under the patch stay too long for its wrinkles."""
-        members = self.part.attached.regions[0].members
-        return bool(among(members, self.plan.fine.subdivision.unmet).any())
-
-    @property
-    def departs(self) -> bool:
-        """True if refinement moves the surface under the tool so much that it is visible at rest."""
-        return self.plan.fine.departs(self.part.region)
-
-
 class TriedAsset:
     """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
 
     def __init__(
         self, document: Document, clips: Sequence[Clip], *, joined: Sequence[Clip] = (), jobs: int = 1
     ) -> None:
-        """Read nothing yet.
+        """Read what the scene shows, without malformed primitives.
 
         Args:
             document: The asset.
@@ -70,14 +44,15 @@ class TriedAsset:
         self.jobs = jobs
         self.document = document
         self.clips = tuple(clips)
-        self._joined = tuple(joined)
+        every = (*joined, *clips)
+        self.layers = Layers(read_scene(document, leave_out_malformed=True), every)
+        self._by_name = {clip.name: clip for clip in every}
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
 
-    @cached_property
-    def stage(self) -> Stage:
-        """All primitives that the scene shows, without malformed ones, in all clips."""
-        return Stage(read_scene(self.document, leave_out_malformed=True), (*self._joined, *self.clips))
+    def clip(self, name: str) -> Clip:
+        """The clip of a name; of equal names the asset's."""
+        return self._by_name[name]
 
     def ground(self, node: int) -> Ground:
         """The mesh of a node at rest; suggested tools are laid out in the stored pose."""

@@ -31,8 +31,8 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
 from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
-from wrinklecli.review.suggest.stage import Stage, StagedTool
-from wrinklecli.review.suggest.trial import Placement, Trial, TriedAsset
+from wrinklecli.review.suggest.stage import Placement, StagedTool
+from wrinklecli.review.suggest.trial import Trial, TriedAsset
 from wrinklecli.tools.records import Contact, RefinementSettings, Sampling
 
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
@@ -142,7 +142,7 @@ def worthwhile(
         checked: Clips that `check` looks at.
         progress: Called with a stage's name, the tools found or left out so far, and those with the ones looked at.
     """
-    tried = partial(_tried, asset, asset.stage, refinement, None if everything else checked)
+    tried = partial(_tried, asset, refinement, None if everything else checked)
     found = Worthwhile([], refinement, [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
     while batch := list(islice(remaining, count - len(found.tools))):
@@ -168,7 +168,6 @@ def _joined(first: RefinementSettings, second: RefinementSettings) -> Refinement
 
 def _tried(
     asset: TriedAsset,
-    stage: Stage,
     refinement: RefinementSettings,
     checked: Sequence[Clip] | None,
     suggestion: Suggestion,
@@ -191,21 +190,20 @@ def _tried(
         return dropped("refused", 0.0, error.lines[0]), refinement
     if any(each.coarse for each in placed.values()):
         return dropped("coarse", 0.0), refinement
-    found = _judged(stage, placed, checked, suggestion)
-    stage.let_go()
+    found = _judged(asset, placed, checked, suggestion)
     if isinstance(found, Dropped) or found.is_judged:
         return found, needed
-    return _tried(asset, stage, refinement, checked, found)
+    return _tried(asset, refinement, checked, found)
 
 
 def _judged(
-    stage: Stage, placed: dict[str, Placement], checked: Sequence[Clip] | None, suggestion: Suggestion
+    asset: TriedAsset, placed: dict[str, Placement], checked: Sequence[Clip] | None, suggestion: Suggestion
 ) -> Suggestion | Dropped:
     """A suggestion that is worth keeping, another one to try in its place, or the reason why there is none.
 
     It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
-    look = _look(stage, placed[suggestion.tool.name], suggestion.clip, suggestion.time)
+    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time)
     judged = replace(
         suggestion,
         judgement=None if look is None else look.score,
@@ -254,12 +252,12 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
     return (warnings or [""])[0], needed
 
 
-def fault_of(stage: Stage, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
+def fault_of(asset: TriedAsset, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
     """Why a field is not worth it where it is tallest, with the number that says so; None if it is.
 
     What armour hides of it there does not count, since the rest of a garment is seen.
     """
-    look = _look(stage, placement, clip, time)
+    look = _look(asset, placement, clip, time)
     if look is None:
         return "not raised", 0.0
     score = Score.of(replace(look.score.merits, seen=1.0))
@@ -297,15 +295,15 @@ class _Look:
         )
 
 
-def _look(stage: Stage, placement: Placement, name: str, peak: float) -> _Look | None:
+def _look(asset: TriedAsset, placement: Placement, name: str, peak: float) -> _Look | None:
     """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it."""
-    clip = stage.clip(name)
-    first = stage.staged(placement.plan, placement.part, name, peak)
+    clip = asset.clip(name)
+    first = StagedTool.of(placement, asset.layers, clip, peak)
     if first.height <= _RAISED * first.size:
         return None
 
     def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
-        staged = first if time == peak else stage.staged(placement.plan, placement.part, name, time)
+        staged = first if time == peak else StagedTool.of(placement, asset.layers, clip, time)
         if staged.height <= _RAISED * staged.size:
             return None, UNSEEN
         sight = Sight.of(staged)
