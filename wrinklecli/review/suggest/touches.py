@@ -163,9 +163,10 @@ def suggest_touches(
         return [], [], f"no mesh has skin at the ends of its fingers; {_BY_HAND}"
     found: dict[str, SuggestedTouch] = {}
     notes: list[str] = []
-    for tip in tips:
+    contacts = [_contacts(tips, skins, clip, fps) for clip in looked_at]
+    for tip, in_clips in zip(tips, zip(*contacts, strict=True), strict=True):
         own: list[SuggestedTouch] = []
-        for contact in (each for clip in looked_at for each in _contacts(tip, skins, clip, fps)):
+        for contact in (each for in_clip in in_clips for each in in_clip):
             if any(_is_there(each, contact) for each in own):
                 continue
             name = _free_name(hierarchy.names[_mover(contact)], found)
@@ -246,28 +247,27 @@ def _tip(node: int, end: int, arm: frozenset[int], hierarchy: Hierarchy, skins: 
     return _Tip(node, arm, middle + (along.max() - radius) * way, radius) if radius > 0 else None
 
 
-def _contacts(tip: _Tip, skins: Sequence[_Skin], clip: Clip, fps: float) -> list[_Contact]:
-    """Find where and when a tip comes to other skin in a clip."""
+def _contacts(tips: Sequence[_Tip], skins: Sequence[_Skin], clip: Clip, fps: float) -> list[list[_Contact]]:
+    """Find for each tip where and when it comes to other skin in a clip, of which each pose is computed once."""
     count = int(np.clip(np.ceil((clip.end - clip.start) * fps), 1, _MOST_POSES))
     times = np.linspace(clip.start, clip.end, count + 1)
-    rig = skins[0].ground.rig
-    rest = node_matrices(rig, None, np.zeros(1), [tip.node])[0, 0]
-    moved = node_matrices(rig, clip, times, [tip.node])[:, 0]
-    middles = _carried(rest, moved, tip.middle)
-    reach = _TOUCHES * tip.radius
-    held: list[tuple[float, _Skin, int, Floats, float, Floats]] = []
-    found: list[_Contact] = []
-    for time, middle in zip(times.tolist(), middles, strict=True):
-        near = _nearest(tip, skins, clip, time, middle, reach)
-        if near is not None:
-            held.append((time, *near))
-        if held and (near is None or time == times[-1]):
-            begun = held[0]
-            closest = min(held, key=lambda each: each[4])
-            found.append(
-                _Contact(clip, begun[0], begun[1], begun[2], begun[3], closest[0], closest[4] - tip.radius, closest[5])
-            )
-            held = []
+    rig, nodes = skins[0].ground.rig, [tip.node for tip in tips]
+    rests, moved = node_matrices(rig, None, np.zeros(1), nodes)[0], node_matrices(rig, clip, times, nodes)
+    middles = [_carried(rests[k], moved[:, k], tip.middle) for k, tip in enumerate(tips)]
+    others = [[each.other_triangles(tip.arm) for each in skins] for tip in tips]
+    held: list[list[tuple[float, _Skin, int, Floats, float, Floats]]] = [[] for _ in tips]
+    found: list[list[_Contact]] = [[] for _ in tips]
+    for row, time in enumerate(times.tolist()):
+        posed = [each.mesh.positions_at(clip, time) for each in skins]
+        for k, tip in enumerate(tips):
+            near = _nearest(skins, posed, others[k], middles[k][row], _TOUCHES * tip.radius)
+            if near is not None:
+                held[k].append((time, *near))
+            if held[k] and (near is None or time == times[-1]):
+                begun = held[k][0]
+                closest = min(held[k], key=lambda each: each[4])
+                found[k].append(_Contact(clip, *begun[:4], closest[0], closest[4] - tip.radius, closest[5]))
+                held[k] = []
     return found
 
 
@@ -279,16 +279,17 @@ def _carried(before: Floats, after: Floats, point: Floats) -> Floats:
 
 
 def _nearest(
-    tip: _Tip, skins: Sequence[_Skin], clip: Clip, time: float, middle: Floats, reach: float
+    skins: Sequence[_Skin], posed: Sequence[Floats], others: Sequence[Ints], middle: Floats, reach: float
 ) -> "tuple[_Skin, int, Floats, float, Floats] | None":
-    """The skin within a reach of a tip's middle: mesh, triangle, barycentric coordinates, distance, direction."""
+    """The skin within a reach of a tip's middle: mesh, triangle, barycentric coordinates, distance, direction.
+
+    The meshes have (vertices, 3) `posed` positions, and `others` are their (triangles,) that count.
+    """
     best: tuple[_Skin, int, Floats, float, Floats] | None = None
-    for skin in skins:
-        triangles = skin.other_triangles(tip.arm)
+    for skin, positions, triangles in zip(skins, posed, others, strict=True):
         if not len(triangles):
             continue
-        positions, corners = skin.mesh.positions_at(clip, time), skin.ground.surface.triangles[triangles]
-        number, shares, place = closest_point(positions, corners, middle)
+        number, shares, place = closest_point(positions, skin.ground.surface.triangles[triangles], middle)
         way = place - middle
         distance = float(np.linalg.norm(way))
         if distance <= reach and (best is None or distance < best[3]):
