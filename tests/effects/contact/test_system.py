@@ -76,7 +76,7 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
         # With nothing fitted by the first, the second takes over all that it can move.
         total[~other] = two.moved
         assert total == pytest.approx(found.moved, abs=1e-12)
-        assert not found.tissue.crosses(one.positions_under(one.moved))
+        assert not one.crosses_itself
 
 
 @pytest.mark.slow

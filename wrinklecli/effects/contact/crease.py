@@ -226,7 +226,7 @@ class Crease(Surface):
             if found.between is not None:
                 one, two, share = found.between
                 weights[frame] = (1.0 - share) * weights[one] + share * weights[two]
-            if found.between is None or found.crossing(combined(weights[frame], self.shapes)) is not None:
+            if found.between is None or found.crossing(combined(weights[frame], self.shapes)).any():
                 weights[frame], crosses = fit_pose(found, self.shapes)
             moved = combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
@@ -444,7 +444,7 @@ def poses_of_sweeps(surface: Surface, solved: Sequence[Sweep]) -> list[SolvedPos
     return [pose for each in solved for pose in each.poses]
 
 
-def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most: int) -> Crease:
+def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most: int, fewest: int = 1) -> Crease:
     """Compress solved poses of the sweeps of a fold, and of clips.
 
     There are no shapes if nothing touches.
@@ -455,11 +455,12 @@ def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
+        fewest: Least number of shapes.
     """
     fold, tissue = surface.fold, surface.tissue
     weights, shapes, crossing = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3)), 0
     if poses:
-        weights, shapes, crossing = fit_poses([each.found for each in poses], share=share, most=most)
+        weights, shapes, crossing = fit_poses([each.found for each in poses], share=share, most=most, fewest=fewest)
     sweeps = tuple(each for each in poses if each.folded is not None)
     made = [(each.found, combined(row, shapes)) for each, row in zip(sweeps, weights, strict=False)]
     scale = fold.radius / UNITS

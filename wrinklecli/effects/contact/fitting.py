@@ -4,11 +4,12 @@ Shapes with the least mean error may still cross where surfaces touch, as a smal
 there get more weight, and the shapes are fitted again. Touching vertices may be opened further, hidden in the fold.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from wrinklecli.effects.contact.solution import Solution
+from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.reduction import project, weighted_basis
 
@@ -28,7 +29,9 @@ _MORE = 3.0
 _HOPELESS = 0.7
 
 
-def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[Floats, Floats, int]:
+def fit_poses(
+    solved: Sequence[Solution], *, share: float, most: int, fewest: int = 1
+) -> tuple[Floats, Floats, int]:
     """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any pose.
 
     Args:
@@ -36,6 +39,7 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[F
         share: Greatest error of a vertex, relative to the greatest move.
         most: Greatest number of shapes. If even these leave crossings, the fit with the fewest counts, and of several
             the one that keeps the most volume.
+        fewest: Least number of shapes, where fewer are known to fail.
 
     Returns:
         (poses, shapes) weights in [-1, 1]; (shapes, free, 3); and the number of poses in which they leave crossings.
@@ -44,11 +48,12 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[F
     # No shapes give back the volume that contact itself takes away.
     allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in solved))
     most = min(most, len(solved))
-    fewest, enough, found = 1, most, None
+    enough, found, known = most, None, _Known.of(solved)
+    fewest = min(fewest, most)
     # More shapes hardly ever do worse, so the range in which the fewest lie is halved.
     while fewest < enough or (found is None and fewest == most):
         count = (fewest + enough) // 2
-        fit = _fitted(solved, count, bound=bound, allowed=allowed, last=count == most)
+        fit = _fitted(solved, count, known, bound=bound, allowed=allowed, last=count == most)
         if fit is None:
             fewest = count + 1
         else:
@@ -59,43 +64,67 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int) -> tuple[F
     return found
 
 
+@dataclass(slots=True)
+class _Known:
+    """What fits of other numbers of shapes have found out, from which a fit begins.
+
+    Attributes:
+        shares: (poses, free) weights of squared errors: those at vertices that crossed, or were far off, have grown.
+        limit: (poses, free) their greatest values.
+        crossed: Numbers of the poses with such vertices; none before the first fit.
+    """
+
+    shares: Floats
+    limit: Floats
+    crossed: set[int]
+
+    @classmethod
+    def of(cls, solved: Sequence[Solution]) -> "_Known":
+        """Know nothing."""
+        shares = np.stack([each.error_weights for each in solved])
+        return cls(shares, _MORE**_TRIES * shares, set())
+
+    def add(self, found: Mapping[int, Bools]) -> None:
+        """Let (free,) vertices of some poses count more."""
+        self.crossed |= found.keys()
+        for number, marked in found.items():
+            raised = _MORE * self.shares[number, marked]
+            self.shares[number, marked] = np.minimum(raised, self.limit[number, marked])
+
+
 def _fitted(
-    solved: Sequence[Solution], count: int, *, bound: float, allowed: float, last: bool
+    solved: Sequence[Solution], count: int, known: _Known, *, bound: float, allowed: float, last: bool
 ) -> tuple[Floats, Floats, int] | None:
     """Fit a `count` of shapes; None if they are not right in every pose.
 
     Errors may reach a `bound`, solver's units, and losses of volume be as great as `allowed`. If this is the `last`
     count that may be tried, the best fit counts. The rest is as in `fit_poses`.
     """
-    fields, every = np.stack([each.moved for each in solved]), np.arange(len(solved))
+    wanted, every = np.stack([each.moved for each in solved]), np.arange(len(solved))
     tries: list[tuple[int, float, Floats, Floats]] = []
-    shares, wanted = np.stack([each.error_weights for each in solved]), fields
-    suspects, before, stalled = every, len(every), 0
+    # The other poses are checked only if all may be right or, in the end, if no try was better.
+    suspects = np.array(sorted(known.crossed) or every, np.intp)
+    before, stalled = len(every), 0
     for _ in range(_TRIES):
-        weights, shapes = weighted_basis(wanted, shares, count)
+        weights, shapes = weighted_basis(wanted, known.shares, count)
         made = [combined(row, shapes) for row in weights]
         wrong = {} if last else _wrong(solved, made, bound)
-        hopeless = np.inf if last else _HOPELESS * before
-        crossing = None if len(wrong) > hopeless else _crossing(solved, made, suspects, most=hopeless)
-        if crossing is None:
-            return None
-        # The other poses are checked only if all may be right or, in the end, if no try was better.
+        crossing = _crossing(solved, made, suspects)
         best = min((crossings for crossings, *_ in tries), default=len(every) if last else 0)
-        checked = len(crossing) <= best and not wrong
-        if checked and len(suspects) < len(every):
-            crossing |= _crossing(solved, made, np.setdiff1d(every, suspects)) or {}
-        lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
-        if not crossing and not wrong and lost <= allowed:
-            return weights, shapes, 0
-        stalled = 0 if len(crossing) < best else stalled + 1
-        if last and checked:
-            tries.append((len(crossing), max(lost, allowed), weights, shapes))
+        if len(crossing) <= best and not wrong:
+            crossing |= _crossing(solved, made, np.setdiff1d(every, suspects))
+            lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
+            if not crossing and lost <= allowed:
+                return weights, shapes, 0
+            if last:
+                tries.append((len(crossing), max(lost, allowed), weights, shapes))
         bad = len(crossing.keys() | wrong.keys())
-        if not bad or bad > hopeless or (last and stalled == _STALLED):
+        known.add(crossing)
+        known.add(wrong)
+        stalled, before = (0, bad) if bad < before else (stalled + 1, before)
+        if not bad or stalled == _STALLED:
             break
-        for number, marked in (*crossing.items(), *wrong.items()):
-            shares[number, marked] *= _MORE
-        suspects, before = np.array(sorted(crossing), np.intp), bad
+        suspects = np.array(sorted(crossing), np.intp)
         wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
     if not tries:
         return None
@@ -116,21 +145,16 @@ def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> 
 
 def _crossing(
     solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, *, most: float = np.inf
-) -> dict[int, Bools] | None:
-    """The poses, among some, in which a fit crosses, and the (free,) vertices that do.
-
-    None if it crosses in more than `most` of them, which is cheaper to find out than the vertices.
-    """
-    suspects, count = [], 0
+) -> dict[int, Bools]:
+    """The poses, among some, in which a fit crosses, and the (free,) vertices that do; ends beyond `most` poses."""
+    found: dict[int, Bools] = {}
     for number in numbers.tolist():
-        crosses = solved[number].crosses(made[number])
-        count += crosses
-        if count > most:
-            return None
-        if crosses or solved[number].crosses_itself:
-            suspects.append(number)
-    found = {number: solved[number].crossing_vertices(made[number]) for number in suspects}
-    return {number: marked for number, marked in found.items() if marked.any()}
+        marked = solved[number].crossing(made[number])
+        if marked.any():
+            found[number] = marked
+        if len(found) > most:
+            break
+    return found
 
 
 def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
@@ -149,8 +173,8 @@ def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
         along = np.sqrt(shares.sum()) / _MORE**number * held
         (weights,) = np.clip(project(wanted[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
-        marked = found.crossing(moved, likely=bool(tries))
-        if marked is None:
+        marked = found.crossing(moved)
+        if not marked.any():
             return weights, False
         tries.append((int(marked.sum()), weights))
         counts = [count for count, _ in tries]

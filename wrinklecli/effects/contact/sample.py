@@ -456,7 +456,9 @@ def _spanned(
         chosen += solved.poses(_some(solved.touching))
     found: list[tuple[Crease, dict[int, Followed]]] = []
     for _ in range(_ROUNDS if surface.fold.per_clip else 1):
-        crease = resolve(surface, chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES)
+        # More poses hardly ever need fewer shapes.
+        fewest = max((len(each.shapes) for each, _ in found), default=1)
+        crease = resolve(surface, chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
         followed: dict[int, Followed] = {}
         for number in solver.clips:
             solved = part(number)

@@ -106,29 +106,15 @@ class Solution:
         positions[free_rows(self.tissue)] += np.einsum("vij,vj->vi", self.matrices, moved)
         return positions
 
-    def crosses(self, moved: Floats) -> bool:
-        """True if anything crosses under another move and nothing does in the solution."""
-        return not self.crosses_itself and self.tissue.crosses(self.positions_under(moved))
-
     @property
     def crosses_itself(self) -> bool:
         """True if anything crosses in the solution, for example where another mesh leaves no room."""
-        return self._own_crossings is not None
+        return bool(self._own_crossings.any())
 
-    def crossing(self, moved: Floats, *, likely: bool = False) -> Bools | None:
-        """(free,) vertices that cross under another move and not in the solution; None if none do.
-
-        Where it is likely that some do, they are looked for at once.
-        """
-        if not likely and not self.tissue.crosses(self.positions_under(moved)):
-            return None
-        fresh = self.crossing_vertices(moved)
-        return fresh if fresh.any() else None
-
-    def crossing_vertices(self, moved: Floats) -> Bools:
-        """(free,) vertices that cross under another move and not in the solution, if any do; slower than `crosses`."""
-        marked = self.tissue.crossing_vertices(self.positions_under(moved))
-        return (marked if self._own_crossings is None else marked & ~self._own_crossings)[free_rows(self.tissue)]
+    def crossing(self, moved: Floats) -> Bools:
+        """(free,) vertices that cross under another move and not in the solution."""
+        marked = self.tissue.crossing(self.positions_under(moved))
+        return marked[free_rows(self.tissue)] & ~self._own_crossings if marked.any() else np.zeros(len(moved), bool)
 
     def volume_loss(self, moved: Floats) -> float:
         """Volume that another move takes away, relative to that of a limb as long as it is thick."""
@@ -163,14 +149,14 @@ class Solution:
         return replace(self, tissue=tissue, state=state)
 
     @cached_property
-    def skinned_crossings(self) -> Bools | None:
-        """(vertices,) vertices that cross without contact; None if none do."""
+    def skinned_crossings(self) -> Bools:
+        """(vertices,) vertices that cross without contact."""
         return self.tissue.crossing(self.positions)
 
     @cached_property
-    def _own_crossings(self) -> Bools | None:
-        """(vertices,) vertices that cross in the solution."""
-        return self.tissue.crossing(self.positions_under(self.moved))
+    def _own_crossings(self) -> Bools:
+        """(free,) vertices that cross in the solution."""
+        return self.tissue.crossing(self.positions_under(self.moved))[free_rows(self.tissue)]
 
 
 @dataclass(slots=True)
@@ -297,7 +283,7 @@ class March:
         # Where another mesh leaves no room, something crosses in any solution.
         if one.crosses_itself or two.crosses_itself:
             return between
-        return None if self.tissue.crosses(between.positions_under(between.moved)) else between
+        return None if between.crosses_itself else between
 
     def _keep(self, state: SolverState, nearest: "_Reached | None") -> None:
         """Let other poses start from a solved one, unless they may as well start from the nearest one."""

@@ -74,10 +74,10 @@ class Tearing:
         inner = np.flatnonzero((beside >= 0).all(axis=1))
         return cls(rest, edges, _lengths(rest, edges), triangles, pressed, inner, beside[inner])
 
-    def tears(self, given: Floats, shown: Floats, crossing: Callable[[Floats], Bools | None]) -> bool:
+    def tears(self, given: Floats, shown: Floats, crossing: Callable[[Floats], Bools]) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones; both in solver's units.
 
-        `crossing` finds the (vertices,) that cross at positions, as a clip may press others; None if none do.
+        `crossing` finds the (vertices,) that cross at positions, as a clip may press others.
         """
         wanted, found = _lengths(given, self.edges), _lengths(shown, self.edges)
         if (found > _LONGEST * np.maximum(np.maximum(self.lengths, wanted), _SHORT)).any():
@@ -92,9 +92,7 @@ class Tearing:
         if not len(short):
             return False
         # The bottom of a crease is pressed together, and ends that passed through the surface come back to it.
-        through, pressed = crossing(given), self.pressed
-        pressed = pressed if through is None else pressed | through
-        near = pressed
+        near = pressed = self.pressed | crossing(given)
         for _ in range(_PRESSED_RINGS):
             near = widened(self.edges, near)
         short = short[~near[short].any(axis=1)]

@@ -257,7 +257,7 @@ class Tissue:
     def is_clear(self, positions: Floats) -> bool:
         """True if nothing is near and nothing crosses at (vertices, 3) positions."""
         # A long edge may cross a large triangle far from all their vertices.
-        return not len(self.collisions(positions)) and not self.crosses(positions)
+        return not len(self.collisions(positions)) and not self.crossing(positions).any()
 
     def hessian(self, near: Any, positions: Floats) -> Any:
         """(3 · touching, 3 · touching) sparse Hessian of the barrier at (vertices, 3), made positive semidefinite."""
@@ -277,27 +277,14 @@ class Tissue:
         gradient[self.rows] = self.barrier.gradient(near, self.mesh, self.placed(positions)).reshape(-1, 3)
         return gradient
 
-    def crosses(self, positions: Floats) -> bool:
-        """True if anything crosses at (vertices, 3) positions."""
-        import ipctk
-
-        return bool(ipctk.has_intersections(self.mesh, self.placed(positions)))
-
-    def crossing(self, positions: Floats) -> Bools | None:
-        """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3); None if none do."""
-        if not self.crosses(positions):
-            return None
-        marked = self.crossing_vertices(positions)
-        return marked if marked.any() else None
-
-    def crossing_vertices(self, positions: Floats) -> Bools:
+    def crossing(self, positions: Floats) -> Bools:
         """(vertices,) True for the corners of edges and triangles that cross at (vertices, 3) positions."""
         counting = (self.free & self.own)[self.rows]
         marked = np.zeros(len(positions), bool)
         marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
         return marked
 
-    def tears(self, given: Floats, shown: Floats, *, crossing: Callable[[Floats], Bools | None] | None = None) -> bool:
+    def tears(self, given: Floats, shown: Floats, *, crossing: Callable[[Floats], Bools] | None = None) -> bool:
         """True if (vertices, 3) positions are torn relative to the given ones.
 
         `crossing` finds what crosses at these in place of the method of that name.
