@@ -215,6 +215,28 @@ def knees(*, angle: float = 110.0, inwards: float = 7.0, radius: float = 0.055, 
     return Fold(_written(surface, joints, moves), tuple(tools), radius)
 
 
+def twins(*, angle: float = 110.0, inwards: float = 7.0, radius: float = 0.055, sides: int = 10) -> Fold:
+    """Knees that meet, of which the right one is the mirror image of the left one in each triangle; so is its tool."""
+    joints: dict[str, tuple[str, tuple[float, float, float]]] = {"hips": ("", (0.0, 0.0, 0.0))}
+    moves: dict[str, Rotation] = {}
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        joints[f"thigh.{side}"] = ("hips", (0.0, 0.0, sign * 0.08))
+        joints[f"shin.{side}"] = (f"thigh.{side}", (0.3, 0.0, sign * 0.08))
+        moves |= {f"thigh.{side}": ("y", _there(sign * inwards)), f"shin.{side}": ("z", _there(angle))}
+    xs = np.linspace(0.0, 0.6, 19)
+    weights = [chain_weights(x / 0.3, ["thigh.L", "shin.L"], 0.5) for x in xs]
+    surface = _limb(xs, weights, radius=radius, sides=sides, z=0.08)
+    count, faces = len(surface.points), len(surface.faces)
+    surface.points += [point * (1.0, 1.0, -1.0) for point in surface.points]
+    surface.weights += [{name.replace(".L", ".R"): each for name, each in row.items()} for row in surface.weights]
+    # Each face begins at the same corner, so that it is cut along the same diagonal.
+    surface.faces += [[count + ids[0], *(count + k for k in ids[:0:-1])] for ids in surface.faces]
+    surface.corners += [[each[0], *each[:0:-1]] for each in surface.corners[:faces]]
+    surface.regions += surface.regions[:faces]
+    tool = _tool("knee.L", (0.2, radius, 0.08), (0.4, radius, 0.08), 0.07, mirror="z")
+    return Fold(_written(surface, joints, moves), (tool,), radius)
+
+
 def no_room(*, angle: float = 110.0, gap: float = 0.016, radius: float = 0.05, sides: int = 10) -> Fold:
     """A limb that folds onto a slab, which lies on its other side and leaves it no room."""
     joints: Skeleton = {"upper": ("", (0.0, 0.0, 0.0)), "lower": ("upper", (0.25, 0.0, 0.0))}
