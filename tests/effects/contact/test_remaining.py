@@ -11,6 +11,9 @@ import pytest
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
+import wrinklecli
+from kit.bakes import place
+from kit.characters import CHARACTERS
 from kit.creases import resolved
 from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
@@ -112,3 +115,16 @@ def test_the_tallest_wrinkles_are_kept_with_contact_if_they_can(
 
     look: Any = SimpleNamespace(crossings=found, skin=lambda _frames: skin)
     assert _state([look], np.array([0, 1]), keep=keep) == state
+
+
+@pytest.mark.slow
+def test_crossings_in_which_contact_does_nothing_have_a_line(tmp_path: Path) -> None:
+    """Triangles of a stylised hand pass through others that lie on them at rest, and so never collide."""
+    elbow = {"name": "elbow", "node": "Character", "origin": [0.36, 1.39, 0.045], "target": [0.54, 1.39, 0.042],
+             "width": 0.1, "bumps": 3, "max_height": "10%", "contact": "resolve"}  # fmt: skip
+    tools = write_tools(tmp_path / "tools.yaml", elbow, refinement={"max_levels": 1})
+    report = wrinklecli.bake(place(CHARACTERS["low_poly_smooth"]()), tools, tmp_path / "out.glb", clips=["squat"])
+    (fold,) = report.data["folds"]
+    (left,) = fold["left"]
+    assert left["resolved"] == left["before"] > 0
+    assert any(line.startswith("elbow: contact leaves crossings in 'squat'") for line in report.data["warnings"])

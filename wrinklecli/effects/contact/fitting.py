@@ -29,9 +29,7 @@ _MORE = 3.0
 _HOPELESS = 0.7
 
 
-def fit_poses(
-    solved: Sequence[Solution], *, share: float, most: int, fewest: int = 1
-) -> tuple[Floats, Floats, int]:
+def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: int = 1) -> tuple[Floats, Floats, int]:
     """Fit the fewest shapes that are right enough, keep the volume and leave no crossing in any pose.
 
     Args:

@@ -35,8 +35,8 @@ on, players count turns as others (`drive.table`)."""
 # Least number of edges in a frame that count: where two surfaces cross, the line in which they do passes through one at
 # either end. A single one is owed to rounding, where flat triangles touch.
 _LEAST = 2
-# Frames of a run, evenly spread, by which its state is chosen, at most: with all of them, a sleeve that leaves no room
-# took a quarter of the time of its clip.
+# Frames of a run, evenly spread, by which its state is chosen, at most, and likewise of those in which contact does
+# nothing: with all of a run, a sleeve that leaves no room took a quarter of the time of its clip.
 _LOOKS = 8
 # Moments of a clip at which crossings are counted in a fold without contact, evenly spread, at most.
 _MOMENTS = 25
@@ -106,7 +106,7 @@ def shown_in(
     """Find what folds that are solved together show in a clip.
 
     `beside` are the moves of folds that are solved before. Crossings are counted in frames in which contact acts, or
-    has a fault.
+    has a fault; and in all if anything crosses in a few of the others, as what never collides may.
     """
     clip, times = followed[0].clip, followed[0].times
     moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
@@ -116,6 +116,9 @@ def shown_in(
     torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
     unsettled = [frame for each in followed for frame in each.faults]
     acting = distinct_values(np.array([*acting, *unsettled], np.intp))
+    some = _some(np.setdiff1d(np.arange(len(times)), acting))
+    if any(look.crossings(some, 1.0, 1.0).any() for look in looks):
+        acting = np.arange(len(times))
     worse = [look.worse(look.crossings(acting, 1.0, 1.0)) for look in looks]
     faults = [
         dict.fromkeys(np.flatnonzero(more).tolist(), WORSE) | dict.fromkeys(broken, TORN) | dict(each.faults)
@@ -180,12 +183,17 @@ def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float
     Wrinkles keep as much of their height as they can, and contact is kept where it does not ask for less: held in a
     deep pose, it takes volume away. It is whole or 0, and 0 if it is not to `keep`.
     """
-    frames = frames[distinct_values(np.linspace(0, len(frames), _LOOKS, endpoint=False).astype(int))[: len(frames)]]
+    frames = _some(frames)
     heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
     states = ((contact, height) for height in heights.tolist() for contact in (1.0, 0.0)[not keep :])
     return next(
         state for state in states if all(_no_worse(each, each.crossings(frames, *state), frames) for each in looks)
     )
+
+
+def _some(frames: Ints) -> Ints:
+    """(looks,) a few of some frames, evenly spread."""
+    return frames[distinct_values(np.linspace(0, len(frames), _LOOKS, endpoint=False).astype(int))[: len(frames)]]
 
 
 def _no_worse(look: "_Look", found: Ints, frames: Ints) -> bool:
