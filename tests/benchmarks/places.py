@@ -2,13 +2,17 @@
 
     python tests/benchmarks/places.py            says how often it is right on characters that it was not fitted to
     python tests/benchmarks/places.py --write    also writes the weights that the program reads
+    python tests/benchmarks/places.py DIR…       first looks anew what the wanted places get
 
 A row of places.csv is a place that was looked at twice, without and with wrinkles and blind to the score, with its
-merits as `suggest --all --json` prints them. `suggest` proposes nothing where no `limb` folds, so such places are in
-the counts alone. The model is an ordinal logistic regression: one weighted sum of their
-logarithms, and a bias for each of "at least weak" and "keep"; each look counts half. Weights in units of the
-logarithms' deviations have a normal prior of unit width. The program needs the sum and the bias of "keep". What harms
-a surface explains verdicts, so it is fitted too; but it is mended where it is proposed, so places count without it.
+merits as `suggest --all --json` prints them, without fields. `suggest` proposes nothing where no `limb` folds, so such
+places are in the counts alone; and no tool where a field lies, so that places that are not `bare` are in the fit alone.
+The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
+weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
+width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
+
+A row of wanted.csv is a place that an artist wants on a character, left and right alike, and the tool or the field that
+`suggest` proposes there.
 """
 
 import argparse
@@ -26,16 +30,22 @@ HERE = Path(__file__).resolve().parent
 if __name__ == "__main__":  # imported by a test, it changes no path that other tests see
     sys.path[:0] = [str(HERE.parents[1])]
 
+from wrinklecli.character.bent import bending_nodes  # noqa: E402
+from wrinklecli.character.bones import read_bones  # noqa: E402
+from wrinklecli.character.rig import read_rig  # noqa: E402
+from wrinklecli.gltf.document import read_document  # noqa: E402
+from wrinklecli.review.suggest.garments import LEAST_BENT  # noqa: E402
+from wrinklecli.review.suggest.place_names import NOUNS  # noqa: E402
 from wrinklecli.review.suggest.score import LEAST  # noqa: E402
+from wrinklecli.review.suggest.suggest import suggest  # noqa: E402
 
 PLACES = HERE / "places.csv"
+WANTED = HERE / "wanted.csv"
 WEIGHTS = HERE.parents[1] / "wrinklecli" / "review" / "suggest" / "score.json"
 VERDICTS = ("delete", "weak", "keep")
 LOOKS = ("first", "second")
 # Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
 BUILT = "sheet"
-# The merit that is mended: the part of a place that neither crosses something, nor turns over, nor bares what is below.
-MENDED = "whole"
 # Digits of a weight: merits have three.
 DIGITS = 3
 
@@ -50,6 +60,7 @@ class Places:
         names: Of the merits.
         characters: (places,)
         limbs: (places,) True where a limb folds.
+        counted: (places,) True where no field lies, on no sheet that was built.
         verdicts: (places, looks)
         logs: (places, merits) their logarithms.
     """
@@ -57,12 +68,14 @@ class Places:
     names: list[str]
     characters: NDArray[np.str_]
     limbs: NDArray[np.bool_]
+    counted: NDArray[np.bool_]
     verdicts: NDArray[np.intp]
     logs: Floats
 
     def only(self, chosen: NDArray[np.bool_]) -> "Places":
         """Some of the places."""
-        return Places(self.names, self.characters[chosen], self.limbs[chosen], self.verdicts[chosen], self.logs[chosen])
+        rows = (self.characters, self.limbs, self.counted, self.verdicts, self.logs)
+        return Places(self.names, *(each[chosen] for each in rows))
 
 
 @dataclass(frozen=True)
@@ -98,8 +111,7 @@ class Fit:
 
     def chances(self, places: Places) -> Floats:
         """(places, 2) probabilities of "at least weak" and of "keep"."""
-        mended = np.where(np.array(places.names) == MENDED, 0.0, places.logs)
-        sums = (mended @ self.weights)[:, None] + self.biases
+        sums = (places.logs @ self.weights)[:, None] + self.biases
         found: Floats = places.limbs[:, None] / (1.0 + np.exp(-sums))
         return found
 
@@ -108,13 +120,18 @@ def read_places() -> Places:
     """Read the table."""
     with PLACES.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    names = list(rows[0])[2 + len(LOOKS) : -1]
+    names = list(rows[0])[2 + len(LOOKS) : -2]
+    merits = np.array([[float(row[name] or "nan") for name in names] for row in rows])
+    logs = np.log2(np.clip(merits, LEAST, 1.0))
+    verdicts = np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows])
+    usual = np.nanmean(logs[(verdicts == VERDICTS.index("keep")).any(axis=1)], axis=0)
     return Places(
         names,
         np.array([row["character"] for row in rows]),
         np.array([row["limb"] == "1" for row in rows]),
-        np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows]),
-        np.log2(np.maximum([[float(row[name]) for name in names] for row in rows], LEAST)),
+        np.array([row["bare"] == "1" and row["character"] != BUILT for row in rows]),
+        verdicts,
+        np.where(np.isnan(logs), usual, logs),
     )
 
 
@@ -167,19 +184,59 @@ def weights_of(places: Places) -> dict[str, object]:
     fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1) & places.limbs).logs.mean(axis=0)
 
     def by_name(values: Floats) -> dict[str, float]:
-        found = dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
-        return {name: value for name, value in found.items() if name != MENDED}
+        return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
 
     return {"bias": round(float(fit.biases[1]), DIGITS), "weights": by_name(fit.weights), "kept": by_name(kept)}
+
+
+def read_wanted() -> list[dict[str, str]]:
+    """Read the rows of wanted.csv."""
+    with WANTED.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def look_anew(wanted: list[dict[str, str]], folders: list[Path]) -> None:
+    """Suggest for each character that has a file in a folder, and write what its wanted places get."""
+    files = {path.stem: path for folder in folders for path in sorted(folder.glob("*.glb"))}
+    for character in dict.fromkeys(row["character"] for row in wanted if row["character"] in files):
+        found = suggest(files[character])
+        document = read_document(files[character])
+        names, parts = [str(each.get("name")) for each in document.items("nodes")], read_bones(document).parts
+        folds: dict[str, list[str]] = {}  # names of what folds places, by the noun of the place
+        for each in found.tools:
+            folds.setdefault(each.place.noun if each.place else each.driver, []).append(each.tool.name)
+        for garment in found.fields:
+            bent = bending_nodes(document, read_rig(document, names.index(garment.mesh)), LEAST_BENT)
+            for joint in bent:
+                part = parts[joint]
+                if part and (garment.field.joints == "all" or names[joint] in garment.field.joints):
+                    folds.setdefault(NOUNS[part], []).append(garment.field.name)
+        for row in (row for row in wanted if row["character"] == character):
+            row["got"] = " ".join(dict.fromkeys(folds.get(row["place"].replace("_", " "), [])))
+    with WANTED.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(wanted[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(wanted)
+
+
+def recall(wanted: list[dict[str, str]]) -> str:
+    """A text that says how many wanted places get something, and which get nothing."""
+    missing = [row for row in wanted if not row["got"]]
+    lines = [f"{len(wanted) - len(missing)} of {len(wanted)} wanted places get a tool or lie in a field; not:"]
+    return "\n".join([*lines, *(f"  {row['character']}: {row['place']}" for row in missing)])
 
 
 def main() -> None:
     """Command line: see the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write the weights that the program reads")
+    parser.add_argument("folders", nargs="*", type=Path, help="folders with the characters' files")
     places, options = read_places(), parser.parse_args()
-    counted = places.characters != BUILT
-    print(report(places.only(counted), left_out(places)[counted]))
+    print(report(places.only(places.counted), left_out(places)[places.counted]))
+    wanted = read_wanted()
+    if options.folders:
+        look_anew(wanted, options.folders)
+    print(recall(wanted))
     if options.write:
         WEIGHTS.write_text(json.dumps(weights_of(places), indent=2) + "\n", encoding="utf-8")
 

@@ -54,7 +54,7 @@ def limb_that_bends_and_turns() -> Asset:
 
 # Assets that are made, or samples, and what to look for.
 SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
-    "limb": (limb_that_bends_and_turns, ()),
+    "limb": (limb_that_bends_and_turns, ("--all",)),
     "muscles": (low_poly, ("--muscles",)),
     "flesh": (trunk_with_landmarks, ("--flesh",)),
     "wrist": (None, ()),

@@ -51,7 +51,7 @@ _SOME, _ALL = 0.1, 0.97
 # Parts of a body whose joints fold no garment: a neck moves within a collar; the folds of gloves and shoes are tools'.
 _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
 # Part of the largest area that a joint bends below which it folds nothing.
-_LEAST_BENT = 0.02
+LEAST_BENT = 0.02
 # Shapes of a field that are looked at where they are tallest: half of them have to be worth it.
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
@@ -137,7 +137,7 @@ def _garment(
     told = np.array([_is_told(document, rig.mesh, number, each) for number, each in enumerate(hints)])[primitives]
     apart = np.array([parts[joint] in _APART for joint in rig.joints.tolist()])[gauge.surface.heaviest]
     folded = told & ~apart[gauge.triangles].all(axis=1)
-    bending = bending_nodes(document, rig, _LEAST_BENT)
+    bending = bending_nodes(document, rig, LEAST_BENT)
     joints = [rig.names[node] for node in bending if parts[node] not in _APART]
     # What it is made of takes longest to find.
     if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):

@@ -26,7 +26,7 @@ Aspect = Literal[
 ]  # fmt: skip
 
 # The joint, or what else folds, where each part of a body begins.
-_NOUNS: Mapping[Part, str] = {
+NOUNS: Mapping[Part, str] = {
     "hips": "hips", "spine": "waist", "chest": "chest", "neck": "neck", "head": "head", "jaw": "jaw", "eye": "eye",
     "shoulder": "collarbone", "upper arm": "shoulder", "lower arm": "elbow", "hand": "wrist", "palm": "palm",
     "finger": "finger", "upper leg": "hip", "lower leg": "knee", "foot": "ankle", "toes": "toes", "twist": "limb",
@@ -97,7 +97,7 @@ class NamedBody:
     def place(self, joint: int, part: Part, normal: Floats, centre: Floats) -> PlaceName:
         """The name of a place at a joint, with a (3,) normal and a (3,) centre in the stored pose."""
         if part == "finger":
-            return PlaceName(*self._fingers.get(joint, (_NOUNS[part], "")))
+            return PlaceName(*self._fingers.get(joint, (NOUNS[part], "")))
         aside = np.cross([0.0, 1.0, 0.0], self.ahead)  # to the character's left
         side = split_side(self.hierarchy.names[joint])[1]
         if not side and part not in ("hips", "spine", "chest", "neck", "head", "jaw"):
@@ -112,7 +112,7 @@ class NamedBody:
         aspect = max(names, key=lambda name: float(names[name] @ normal))
         if part == "upper arm" and aspect in ("inner", "under"):
             return PlaceName("armpit")
-        return PlaceName(_NOUNS[part], aspect)
+        return PlaceName(NOUNS[part], aspect)
 
     @cached_property
     def _fingers(self) -> dict[int, tuple[str, Aspect]]:
@@ -123,7 +123,7 @@ class NamedBody:
                 words = words_of(self.hierarchy.names[root])
                 names = [name for pattern, name in _FINGERS.items() if re.search(rf"\b({pattern})", words)]
                 if not names:
-                    names = [[*_FINGERS.values()][order] if len(roots) == len(_FINGERS) else _NOUNS["finger"]]
+                    names = [[*_FINGERS.values()][order] if len(roots) == len(_FINGERS) else NOUNS["finger"]]
                 for joint, phalanx in zip(self._chain(root), _PHALANGES, strict=False):
                     found[joint] = names[0], phalanx
         return found

@@ -27,17 +27,29 @@ class Merits:
         seen: Part of the wrinkles that is visible.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
+        large: Size of the place over that of an elbow or a knee: nobody sees a finger of a whole character.
+        closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
+        long: Length of a crest over what makes it a fold, and no lump.
+
+    A merit is NaN where it says nothing: the last three of a field, and the size and the closing of lines of a face, at
+    which one looks from close by. Then it counts as that of places that artists keep.
     """
 
     seen: float
     crests: float
     smooth: float
+    large: float
+    closed: float
+    long: float
 
 
 REASONS = {
     "seen": ("hidden", "other parts hide it: {} of its wrinkles can be seen from the best side"),
     "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
+    "large": ("small", "it is small: its size is {} of an elbow's"),
+    "closed": ("open", "nothing folds: its ends lean to each other by {}, and by 50 % on a plane"),
+    "long": ("lumps", "its crests are lumps: they are {} as long as folds"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
@@ -60,7 +72,10 @@ class Score:
     def of(cls, merits: Merits) -> "Score":
         """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing."""
         fitted = _fitted()
-        logs = {name: float(np.log2(max(value, LEAST))) for name, value in asdict(merits).items()}
+        known = {
+            name: float(np.log2(np.clip(value, LEAST, 1.0))) for name, value in asdict(merits).items() if value == value
+        }
+        logs = {**fitted["kept"], **known}
         behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in fitted["weights"].items()}
         log_odds = fitted["bias"] + sum(weight * logs[name] for name, weight in fitted["weights"].items())
         return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(behind, key=behind.__getitem__))

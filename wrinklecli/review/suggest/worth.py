@@ -22,7 +22,7 @@ from wrinklecli.effects.plan import kind_of
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
@@ -47,6 +47,12 @@ _SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
+# Size of an elbow or a knee over that of its character.
+_JOINT = 0.08
+# Length of a crest over the distance to the next one, from which it is a fold, whatever else it is.
+_FOLD = 8.0
+# Part of a tool's length that is an end of it.
+_ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
 # Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
@@ -179,7 +185,9 @@ def _tried(
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
     try:
         trials = Trial.of(asset, suggestion)
-        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials)))
+        best = Score.of(
+            Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), large=1.0, closed=1.0, long=1.0)
+        )
         if checked is not None and not best.is_kept:
             return dropped(*best.reason), refinement
         needed, placed = refinement, dict[str, Placement]()
@@ -203,7 +211,7 @@ def _judged(
 
     It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
-    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time)
+    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time, limb=not suggestion.by_morph)
     judged = replace(
         suggestion,
         judgement=None if look is None else look.score,
@@ -257,7 +265,7 @@ def fault_of(asset: TriedAsset, placement: Placement, clip: str, time: float) ->
 
     What armour hides of it there does not count, since the rest of a garment is seen.
     """
-    look = _look(asset, placement, clip, time)
+    look = _look(asset, placement, clip, time, limb=False)
     if look is None:
         return "not raised", 0.0
     score = Score.of(replace(look.score.merits, seen=1.0))
@@ -272,6 +280,7 @@ class _Look:
         placement: The tool on the refined mesh.
         best: The tool where one sees it best, with what may hide it then, and the side from which.
         tallest: The tool at its peak, where a fold may hide it.
+        size: Of the character, scene units; NaN if the tool is no fold of a limb.
     """
 
     placement: Placement
@@ -279,24 +288,33 @@ class _Look:
     sight: Sight
     side: Side
     tallest: StagedTool
+    size: float
 
     @property
     def score(self) -> Score:
         """Measure and weigh the tool."""
-        seen = look_at(self.best, self.sight, self.side)
+        seen, attached = look_at(self.best, self.sight, self.side), self.placement.part.attached
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
         light = seen.crests.contrast + _UNNOTICED
+        # A field has no ends and no curve.
+        aspect = math.nan if attached.segment is None else 2.0 * attached.regions[0].half_width / attached.bump_width
         return Score.of(
             Merits(
                 seen=seen.side.visible,
                 crests=seen.crests.contrast * seen.crests.share / light,
                 smooth=1.0 - hard,
+                large=min(self.tallest.size / (_JOINT * self.size), 1.0),
+                closed=math.nan if math.isnan(self.size) else _closed(self.best),
+                long=min(aspect / _FOLD, 1.0),
             )
         )
 
 
-def _look(asset: TriedAsset, placement: Placement, name: str, peak: float) -> _Look | None:
-    """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it."""
+def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool) -> _Look | None:
+    """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
+
+    `limb` is True for a tool that a joint drives.
+    """
     clip = asset.clip(name)
     first = StagedTool.of(placement, asset.layers, clip, peak)
     if first.height <= _RAISED * first.size:
@@ -312,7 +330,19 @@ def _look(asset: TriedAsset, placement: Placement, name: str, peak: float) -> _L
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, look)
     assert best is not None
-    return _Look(placement, *best, side, first)
+    return _Look(placement, *best, side, first, asset.layers.size if limb else math.nan)
+
+
+def _closed(staged: StagedTool) -> float:
+    """How far the ends of a tool lean to each other, 0 to 1; 0 if one of them is not there."""
+    triangles = staged.triangles[staged.place]
+    us, areas = staged.places[triangles, 0].mean(axis=1), face_normals(staged.plain, triangles)
+    ends = [us < _ENDS, us > 1.0 - _ENDS]
+    if not all(end.any() for end in ends):
+        return 0.0
+    first, last = (staged.plain[triangles[end]].mean(axis=(0, 1)) for end in ends)
+    leans = [unit(areas[end].sum(axis=0)) @ unit(last - first) for end in ends]
+    return float(2.0 + leans[0] - leans[1]) / 4.0
 
 
 def _has_slit(staged: StagedTool) -> bool:
