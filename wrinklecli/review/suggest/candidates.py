@@ -101,11 +101,6 @@ class Candidate:
     presets: Mapping[str, Preset] = field(default_factory=presets)
     fault: str = ""
 
-    @property
-    def layer(self) -> tuple[int, int]:
-        """Numbers of the surface and of the connected piece of it, such as a sleeve over an arm."""
-        return id(self.mesh.gauge.surface), int(self.mesh.sites.pieces[self.region.members[0]])
-
 
 def find_candidates(
     meshes: Sequence[tuple[MeasuredMesh, Peaks]],

@@ -211,27 +211,12 @@ class _Search:
             fitted = search._fit(candidate)
             if fitted is None:
                 continue
-            fitted = search._outermost(fitted, candidate, order)
             regions = [patch.regions[0] for patch in fitted.patches]
             if any(_overlap(region, other, _LINE) for region in regions for other in placed):
                 continue
             placed += regions
             search = replace(search, names=search.names | {patch.tool.identifier for patch in fitted.patches})
             yield fitted.suggestion
-
-    def _outermost(self, fitted: _Fitted, candidate: Candidate, others: Sequence[Candidate]) -> _Fitted:
-        """A fitted candidate, or that of the outermost layer over it which folds at the same place."""
-        region = fitted.patches[0].regions[0].at_rest
-        above = [
-            (float(region.path.depths(each.region.centre)), each)
-            for each in others
-            if each.layer != candidate.layer and _covers(region, each.region.centre, each.region.normal)
-        ]
-        for depth, each in sorted(above, key=lambda pair: -pair[0]):
-            outer = self._fit(each) if depth > 0 else None
-            if outer is not None:
-                return outer
-        return fitted
 
     def _fit(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""

@@ -29,7 +29,7 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.cover import is_covered
 from wrinklecli.review.suggest.draft import written_length
-from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
+from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import entry, quoted
@@ -280,7 +280,9 @@ def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> Suggeste
     except WrinkleError as error:
         return Dropped(field.name, where, "refused", 0.0, error.lines[0])
     assert part is not None, "a field moves the skin"
-    moving = clips_that_move(plan.rig, clips)
+    moving = [clip for clip in clips if not clip.nodes.isdisjoint(part.drive.nodes)]
+    if not moving:
+        return Dropped(field.name, where, "not raised", 0.0)
     seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in moving]
     warnings = part.words(plan).warnings(plan, seen, up="y")
     if plan.fine.subdivision.limited:

@@ -1,7 +1,7 @@
 """Meshes that clips move, measured: the nodes that have one, the poses to look at, and where these compress each."""
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -51,7 +51,6 @@ class MeasuredMesh:
         clips: Those that move it.
         times: (frames,) seconds of each clip at which tools are measured.
         node: The name of its node as a tool must give it; None if a tool need not.
-        flat: True for a mesh without normals, which is shaded flat.
         known_rows: The `node_rows` of nodes posed so far, by a clip's name and its number of poses.
     """
 
@@ -60,7 +59,6 @@ class MeasuredMesh:
     clips: tuple[Clip, ...]
     times: tuple[Floats, ...]
     node: str | None = None
-    flat: bool = False
     known_rows: dict[tuple[str, int], dict[int, Floats]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -72,6 +70,12 @@ class MeasuredMesh:
     def rig(self) -> Rig:
         """The rig that moves the mesh."""
         return self.gauge.rig
+
+    @property
+    def flat(self) -> bool:
+        """True for a mesh without normals, which is shaded flat."""
+        primitives = self.ground.document.items("meshes")[self.rig.mesh]["primitives"]
+        return not any("NORMAL" in primitive["attributes"] for primitive in primitives)
 
     @property
     def row_count(self) -> int:
@@ -141,29 +145,40 @@ def measure_meshes(
         BakeError: The work would take minutes.
         TooMuchError: The work would take too much memory.
     """
-    moved = [mesh for mesh in _moved_meshes(document, nodes, clips) if len(mesh.gauge.triangles)]
-    distinct = list({id(mesh.gauge.surface): mesh for mesh in moved}.values())
-    counts = _pose_counts(distinct, clips, options.fps, where=document.path)
-    total = sum(counts[clip.index] for each in distinct for clip in each.clips)
-    measured: dict[int, tuple[Sites, tuple[Floats, ...], Peaks]] = {}
+    hierarchy, neighbours = read_hierarchy(document), Neighbours(document)
+    # Instances that all clips pose alike are measured once.
+    distinct: dict[Hashable, tuple[Gauge, tuple[Clip, ...]]] = {}
+    moved: list[tuple[Hashable, Rig, str | None]] = []
+    for node, name in nodes.items():
+        rig = read_rig(document, node, hierarchy)
+        its_clips = clips_that_move(rig, clips)
+        if its_clips:
+            key = _motion_of(rig, its_clips)
+            if key not in distinct:
+                distinct[key] = _gauge_of(document, rig, its_clips), its_clips
+            moved.append((key, rig, name))
+    distinct = {key: (gauge, its_clips) for key, (gauge, its_clips) in distinct.items() if len(gauge.triangles)}
+    counts = _pose_counts(list(distinct.values()), clips, options.fps, where=document.path)
+    total = sum(counts[clip.index] for _, its_clips in distinct.values() for clip in its_clips)
+    measured: dict[Hashable, tuple[Sites, tuple[Floats, ...], Peaks]] = {}
+    before = 0
+    for key, (gauge, its_clips) in distinct.items():
+
+        def report(done: int, before: int = before) -> None:
+            progress("posing", before + done, total)
+
+        sites = spread_sites(gauge)
+        times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in its_clips)
+        peaks = find_peaks(sites, its_clips, times, report, jobs=options.jobs)
+        finer = tuple(_finer(clip, at, options.fps) for clip, at in zip(its_clips, times, strict=True))
+        measured[key] = sites, finer, peaks
+        before += sum(map(len, times))
     meshes: list[tuple[MeasuredMesh, Peaks]] = []
-    before, neighbours = 0, Neighbours(document)
-    for each in moved:
-        if id(each.gauge.surface) not in measured:
-
-            def report(done: int, before: int = before) -> None:
-                progress("posing", before + done, total)
-
-            sites = spread_sites(each.gauge)
-            times = tuple(np.linspace(clip.start, clip.end, counts[clip.index]) for clip in each.clips)
-            peaks = find_peaks(sites, each.clips, times, report, jobs=options.jobs)
-            finer = tuple(_finer(clip, at, options.fps) for clip, at in zip(each.clips, times, strict=True))
-            measured[id(each.gauge.surface)] = sites, finer, peaks
-            before += sum(map(len, times))
-        sites, times, peaks = measured[id(each.gauge.surface)]
-        own = replace(sites, gauge=each.gauge)
-        ground = ground_of(document, each.gauge, neighbours)
-        meshes.append((MeasuredMesh(ground, own, each.clips, times, each.node, each.flat), peaks))
+    for key, rig, name in (each for each in moved if each[0] in measured):
+        (gauge, its_clips), (sites, times, peaks) = distinct[key], measured[key]
+        own = replace(gauge, rig=rig)
+        ground = ground_of(document, own, neighbours)
+        meshes.append((MeasuredMesh(ground, replace(sites, gauge=own), its_clips, times, name), peaks))
     return meshes
 
 
@@ -174,45 +189,12 @@ def _finer(clip: Clip, times: Floats, fps: float) -> Floats:
     return times if parts <= 1 or len(times) < 2 else np.linspace(times[0], times[-1], parts * (len(times) - 1) + 1)
 
 
-@dataclass(frozen=True, slots=True)
-class _MovedMesh:
-    """A mesh, not measured, and the clips that move it; `node` and `flat` are as in `MeasuredMesh`.
-
-    Instances that all clips pose alike share the gauge's arrays.
-    """
-
-    gauge: Gauge
-    clips: tuple[Clip, ...]
-    node: str | None
-    flat: bool
-
-    def triangle_count(self, clip: Clip) -> int:
-        """The number of triangles to measure in a clip."""
-        part = self.gauge.strained.of(clip)
-        return len(self.gauge.triangles if part is None else part.triangles)
-
-
-def _moved_meshes(document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...]) -> Iterator[_MovedMesh]:
-    hierarchy = read_hierarchy(document)
-    known: dict[Hashable, _MovedMesh] = {}
-    for node, name in nodes.items():
-        rig = read_rig(document, node, hierarchy)
-        its_clips = clips_that_move(rig, clips)
-        if its_clips:
-            key = _motion_of(rig, its_clips)
-            if key not in known:
-                known[key] = _moved_mesh(document, rig, its_clips)
-            yield replace(known[key], gauge=replace(known[key].gauge, rig=rig), node=name)
-
-
-def _moved_mesh(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> _MovedMesh:
+def _gauge_of(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> Gauge:
+    """The gauge of a rig's mesh at rest."""
     surface = read_surface(document, rig)
     what = f"{len(surface.triangles):,} triangles to measure"
     document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
-    rest = rest_pose(surface, rig, ToolsFile(path=document.path), clips, [])
-    primitives = document.items("meshes")[rig.mesh]["primitives"]
-    flat = not any("NORMAL" in primitive["attributes"] for primitive in primitives)
-    return _MovedMesh(read_gauge(surface, rest, rig), clips, None, flat)
+    return read_gauge(surface, rest_pose(surface, rig, ToolsFile(path=document.path), clips, []), rig)
 
 
 def _motion_of(rig: Rig, clips: tuple[Clip, ...]) -> Hashable:
@@ -228,7 +210,9 @@ def clips_that_move(rig: Rig, clips: Sequence[Clip]) -> tuple[Clip, ...]:
     return tuple(clip for clip in clips if not clip.nodes.isdisjoint(moving))
 
 
-def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float, *, where: str) -> dict[int, int]:
+def _pose_counts(
+    meshes: Sequence[tuple[Gauge, tuple[Clip, ...]]], clips: Sequence[Clip], fps: float, *, where: str
+) -> dict[int, int]:
     """The number of poses to look at, by the clip's index; fewer for large meshes and clips."""
     wanted = {
         clip.index: min(
@@ -237,7 +221,8 @@ def _pose_counts(moved: Sequence[_MovedMesh], clips: Sequence[Clip], fps: float,
         )
         for clip in clips
     }
-    strained = [(clip.index, each.triangle_count(clip)) for each in moved for clip in each.clips]
+    parts = [(clip.index, gauge, gauge.strained.of(clip)) for gauge, its_clips in meshes for clip in its_clips]
+    strained = [(number, len(gauge.triangles if part is None else part.triangles)) for number, gauge, part in parts]
 
     def work(counts: Mapping[int, float]) -> float:
         """Triangles times poses."""

@@ -59,6 +59,16 @@ class Placement:
         return self.plan.fine.departs(self.part.region)
 
     @cached_property
+    def moved(self) -> Ints:
+        """(vertices,) those that the tool moves."""
+        return self.part.vertices
+
+    @cached_property
+    def shown(self) -> Ints:
+        """(vertices,) those of them that it moves so far that they are on its place."""
+        return self.moved[self.part.shares > _LEAST]
+
+    @cached_property
     def mesh(self) -> SkinnedMesh:
         """The refined mesh, ready to be posed."""
         return self.plan.fine.skinned(self.plan.rig)
@@ -95,14 +105,14 @@ class StagedTool:
         """Pose a tool at a time of a clip, seconds, amid all layers."""
         plan, part = placement.plan, placement.part
         fine, mesh, times = plan.fine, placement.mesh, np.array([time])
-        plain, chosen, region = mesh.positions_at(clip, time), part.vertices, part.attached.regions[0]
+        plain, chosen, region = mesh.positions_at(clip, time), placement.moved, part.attached.regions[0]
         moved = part.displacements(fine, plan.rig, clip, times)
         wrinkled, shown = plain.copy(), mesh.only(chosen).posed(clip, times, offsets=moved)
         wrinkled[chosen] = shown.positions[0]
         way = -1 if shown.mirrored[0] else 1
         faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
         members = children(fine.subdivision.parents, region.members)
-        on = flags_of(chosen[part.shares > _LEAST], len(plain))
+        on = flags_of(placement.shown, len(plain))
         if part.attached.segment is None:
             tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
             on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
