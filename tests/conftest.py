@@ -89,6 +89,13 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish() -> None:
+    """What all tests have left is searched once: else pytest does so twice, and Python when it ends."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
     """Commands that run in this process say what signals do; the programs that a later test starts would inherit it.
