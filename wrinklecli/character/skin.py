@@ -247,15 +247,15 @@ class PosedMesh:
     mirrored: Bools
     hidden: Bools
 
-    def wound(self, frame: int = 0) -> Ints:
-        """(triangles, 3) vertices in the winding order of a frame; none if the mesh is hidden then."""
-        if self.hidden[frame]:
+    def wound(self) -> Ints:
+        """(triangles, 3) vertices in the winding order of the first frame; none if the mesh is hidden then."""
+        if self.hidden[0]:
             return self.triangles[:0]
-        return self.triangles[:, ::-1] if self.mirrored[frame] else self.triangles
+        return self.triangles[:, ::-1] if self.mirrored[0] else self.triangles
 
-    def corners(self, frame: int = 0) -> Floats:
-        """(triangles, 3, 3) positions of the corners of the triangles that a frame shows."""
-        return np.asarray(self.positions[frame][self.wound(frame)])
+    def corners(self) -> Floats:
+        """(triangles, 3, 3) positions of the corners of the triangles that the first frame shows."""
+        return np.asarray(self.positions[0][self.wound()])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -168,10 +168,6 @@ class Path:
         along = np.clip(np.sum(apart * ways, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
         return along, np.asarray(np.sum((apart - along[:, :, None] * ways) ** 2, axis=2))
 
-    def between(self, row: int, along: float) -> Floats:
-        """(targets,) weights at a place from 0 to 1 between a row and the next."""
-        return np.asarray((1.0 - along) * self.weights[row] + along * self.weights[row + 1])
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaningTable:

@@ -85,11 +85,6 @@ class Attached(Protocol[Tool]):
         return None
 
     @property
-    def height_limit(self) -> float:
-        """The height at which its bumps grow no more, at a strength of 1, scene units; infinite if there is none."""
-        return self.greatest_height
-
-    @property
     def bump_width(self) -> float:
         """The width of a bump, scene units."""
         return self.span
@@ -130,7 +125,7 @@ class Attached(Protocol[Tool]):
 
         Args:
             _lengths: For each clip (frames,) lengths of the segment and (frames,) rest lengths, scene units.
-            _height: Another `height_limit`.
+            _height: Another height at which bumps grow no more.
         """
         return 0.0
 

@@ -75,7 +75,7 @@ def plan_mesh(
         WrinkleError: Tools do not fit, a line for each.
     """
     ground = read_ground(document, node, tools, settings, clips, neighbours=neighbours)
-    ground, attached = attach_effects(replace(ground, max_error=max_error), tools, settings)
+    ground, attached = attach_effects(ground, tools, settings)
     return plan_on(
         ground, attached, settings, max_error, influences=influences, max_vertices=max_vertices, stored=stored
     )

@@ -19,7 +19,7 @@ from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.prune import Poses
 from wrinklecli.surface.rest import Rest, rest_pose
-from wrinklecli.tools.records import ONE_PERCENT, EffectTool, Length, ToolsFile
+from wrinklecli.tools.records import EffectTool, ToolsFile
 
 if TYPE_CHECKING:
     from wrinklecli.surface.swatch import Pictures
@@ -39,7 +39,6 @@ class Ground:
         rest: Its rest pose.
         clips: Of the asset, whichever are baked.
         neighbours: The meshes of the asset.
-        max_error: Greatest error of a bake: a length, or per cent of the largest move that the effects can make.
     """
 
     document: Document
@@ -48,7 +47,6 @@ class Ground:
     rest: Rest
     clips: tuple[Clip, ...]
     neighbours: Neighbours
-    max_error: Length = ONE_PERCENT
 
     @cached_property
     def contacts(self) -> Contacts:

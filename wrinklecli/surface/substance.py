@@ -65,10 +65,6 @@ _RIGID_WEIGHT = 0.98
 _RIGID_PART = 0.9
 # Least part of a rigid region that follows a second joint: else all of it moves as one, as a face moves with its head.
 _SECOND_JOINT = 0.05
-# Length of the mean unit normal of a point below which its normals are split: two differ by 20°.
-_SPLIT_NORMALS = 0.985
-# Part of a region's corners with split normals in a faceted region.
-_FACETED_PART = 0.6
 # Length of the mean unit normal of a point on an edge of a box: faces at 90° have 0.71, the faces of a hexagon 0.87.
 _BOX_NORMALS = 0.8
 # Part of a region's corners on such edges in a box.
@@ -161,7 +157,6 @@ class Makeup:
     Attributes:
         hints: Hints about each primitive.
         primitives: (triangles,) number of the triangle's primitive.
-        split: (triangles, 3) True if the authored normals at a corner differ, or are missing.
         boxed: (triangles, 3) True for a corner on an edge of a box.
         followed: (triangles, 3) the joint that a corner follows alone; -1 if it follows several.
         corners: (triangles, 3) glTF vertices.
@@ -174,7 +169,6 @@ class Makeup:
 
     hints: tuple[PrimitiveHints, ...]
     primitives: Ints
-    split: Bools
     boxed: Bools
     followed: Ints
     corners: Ints
@@ -201,19 +195,13 @@ def read_makeup(
         pictures: The textures of the document that other meshes have read.
     """
     surface = gauge.surface
-    count = len(surface.positions)
-    normals = unit(surface.normals)
     corners, triangles = surface.corners[gauge.numbers], gauge.triangles
-    sums = np.stack([np.bincount(surface.weld, normals[:, k], count) for k in range(3)], axis=1)
-    of_point = np.bincount(surface.weld, minlength=count)
-    split = np.sqrt(np.sum(sums**2, axis=1)) < _SPLIT_NORMALS * of_point
     alone = surface.weights.max(axis=1) >= _RIGID_WEIGHT
     followed = np.where(alone & rig.skinned, surface.heaviest, -1)
     return Makeup(
         read_hints(document, rig),
         surface.primitives[gauge.numbers],
-        split[triangles],
-        _boxed(surface.positions, normals, triangles, corners)[triangles],
+        _boxed(surface.positions, unit(surface.normals), triangles, corners)[triangles],
         followed[triangles],
         corners,
         surface.vertex_starts,
@@ -505,10 +493,6 @@ def _groups(keys: Ints) -> list[Ints]:
 def is_rigid(gauge: Gauge) -> bool:
     """True if a mesh is plates, each of which follows one joint."""
     return gauge.rig.skinned and bool((gauge.surface.weights.max(axis=1) >= _RIGID_WEIGHT).all())
-
-
-def _is_faceted(makeup: Makeup, weights: Floats) -> bool:
-    return float(weights @ makeup.split.mean(axis=1)) > _FACETED_PART * float(weights.sum())
 
 
 def named(names: Iterable[str], of: str, *, animal: bool = False) -> Substance | None:

@@ -184,7 +184,3 @@ class Field(EffectTool):
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         """The clips with a strength of their own, with the paths of their keys."""
         return [(name, ("clips", name)) for name in self.clips]
-
-    def strength_in(self, clip: str) -> float:
-        """The factor of the heights while a clip plays."""
-        return self.clips.get(clip, self.strength)

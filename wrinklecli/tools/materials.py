@@ -28,7 +28,6 @@ class Preset:
     Attributes:
         name: The word after `material`.
         title: Its name in menus.
-        material: The entry that it is made from; None for a substance, and where `none` has the other keys.
         bump_width: Width of a bump at rest relative to the segment; it gives the number of bumps.
         bump_height: Highest point of a bump relative to its width at rest, for `max_height: auto`.
         keys: The other keys with their values, as a file writes them; those of `material` are among them.
@@ -38,7 +37,6 @@ class Preset:
 
     name: str
     title: str
-    material: str | None
     bump_width: float
     bump_height: float
     keys: Mapping[str, Any]
@@ -65,7 +63,6 @@ def presets_of(entries: Mapping[str, Mapping[str, Any]], known: Mapping[str, Pre
         found[name] = Preset(
             name=name,
             title=entry.get("title", name),
-            material=None if base is None else base.name,
             bump_width=width or (base.bump_width if base else 1.0 / PLAIN_BUMPS),
             bump_height=height or (base.bump_height if base else PLAIN_HEIGHT),
             substance=name if base is None else base.substance,

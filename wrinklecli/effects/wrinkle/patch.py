@@ -264,11 +264,6 @@ class Patch(Attached[WrinkleTool]):
         return self.curve.greatest_height
 
     @property
-    def height_limit(self) -> float:
-        """Greatest height of a bump at a strength of 1, scene units; infinite if there is none."""
-        return self.curve.max_height
-
-    @property
     def flatter(self) -> str:
         """Creases that lower wrinkles, or else other wrinkles."""
         kept = self.tool.creases == "keep"
