@@ -24,4 +24,4 @@ def test_all_rays_at_once_meet_what_each_meets_alone(seed: int, count: int, away
     alone = np.array([distances_along(start, ray, corners) for start, ray in zip(starts, rays, strict=True)])
     assert np.array_equal(np.isfinite(found), np.isfinite(alone))
     met = np.isfinite(alone)
-    assert found[met] == pytest.approx(alone[met], rel=1e-9 if away else 1e-12, abs=1e-9 if away else 1e-12)
+    assert found[met] == pytest.approx(alone[met], rel=1e-9 if away else 1e-11, abs=1e-9 if away else 1e-11)

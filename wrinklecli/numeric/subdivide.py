@@ -68,6 +68,10 @@ class Subdivision:
         """(..., V, C) coarse values → (..., V', C) by edge midpoints; the first V are the same bits."""
         return apply(self.linear, coarse)
 
+    def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
+        """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
+        return coarse[vertices] if self.linear is None else self.linear.of_rows(vertices, coarse)
+
     def interpolate_new(self, coarse: Floats) -> Floats:
         """(V, C) coarse values → (V' - V, C) those of the new vertices, by edge midpoints."""
         if self.linear is None:

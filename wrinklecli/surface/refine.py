@@ -8,7 +8,7 @@ with one. Edges are not split where hardly any of the displacement remains.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -34,11 +34,12 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
+from wrinklecli.numeric.diagonals import turn_diagonals
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide
 from wrinklecli.surface.prune import Poses, forbidden_splits, joint_distances, prune, spread_weights
-from wrinklecli.surface.region import Region, members_of
+from wrinklecli.surface.region import Region, Steps, members_of
 from wrinklecli.surface.rest import Rest, carried_normals
 from wrinklecli.surface.rounding import LaidSurface, hard_edges, rounded
 from wrinklecli.tools.records import RefinementSettings
@@ -287,6 +288,9 @@ def refine(
     joints_pruned, weights_pruned = prune(weights, joint_distances(rig, regions, acting), influences)
     joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
+    rest_positions = np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]])
+    corners = _turned(subdivision, corners, weld, rest_positions, regions)
+    subdivision = replace(subdivision, triangles=weld[corners])
     faceted = hard.faceted & (settings.scheme == "butterfly")
     return Refinement(
         surface=surface,
@@ -296,7 +300,7 @@ def refine(
         morph_deltas=placed.morph_deltas,
         bind_positions=bind,
         blended=blended,
-        rest_positions=np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]]),
+        rest_positions=rest_positions,
         weights=Influences.of(weights, acting, len(rig.joints)),
         joints_pruned=joints_pruned,
         weights_pruned=weights_pruned,
@@ -309,6 +313,34 @@ def refine(
         hard_shares=hard.shares,
         departures=placed.departures,
     )
+
+
+def _turned(subdivision: Subdivision, corners: Ints, weld: Ints, places: Floats, regions: Sequence[Region]) -> Ints:
+    """(triangles, 3) corners, where edges of split triangles run along the crests of the only region that has them.
+
+    Args:
+        subdivision: The refined mesh.
+        corners: (triangles, 3) glTF vertices.
+        weld: (glTF vertices,) their vertices.
+        places: (vertices, 3) at rest, world space.
+        regions: All regions; some say how long edges are for them.
+    """
+    found, owners = corners.copy(), np.zeros(len(corners), np.intp)
+    members = [children(subdivision.parents, each.members) for each in regions]
+    for own in members:
+        owners[own] += 1
+    for region, own in zip(regions, members, strict=True):
+        steps = region.steps(subdivision)
+        if steps is not None:
+            free = own[(owners[own] == 1) & subdivision.changed[own]]
+            lengths = partial(_of_corners, steps, weld)
+            found[free] = turn_diagonals(found[free], places[weld], lengths, _DEPARTURE * region.greatest_height)
+    return found
+
+
+def _of_corners(steps: Steps, weld: Ints, ends: Ints) -> Floats:
+    """(edges,) steps of edges with (edges, 2) glTF vertices."""
+    return steps(weld[ends])
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,9 +392,9 @@ def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> B
     for region in laid.regions:
         faces = children(level.parents, region.members)
         of_faces = distinct_values(level.triangle_edges[faces])
-        told = region.steps(level, of_faces)
+        told = region.steps(level)
         if told is not None:
-            wanted[of_faces] |= told > _greatest_step(region, settings)
+            wanted[of_faces] |= told(level.edges[of_faces]) > _greatest_step(region, settings)
             continue
         triangles = level.triangles[faces]
         vertices = distinct_values(triangles)

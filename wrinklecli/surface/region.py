@@ -1,8 +1,8 @@
 """A region: the part of a surface that an effect deforms, and how finely its triangles must be split."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar, Protocol, Self
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
+
+Steps: TypeAlias = Callable[[Ints], Floats]
+"""Gives numbers for edges with (edges, 2) vertices."""
 
 
 class PaintedFactor(Protocol):
@@ -88,8 +91,8 @@ class Region(Protocol):
     def stretched(self, u: Floats, v: Floats) -> Floats:
         """(…,) a coordinate along which edges of equal length show the displacement equally well."""
 
-    def steps(self, level: Level, edges: Ints) -> Floats | None:
-        """(edges,) lengths of a level's edges over an interval, shorter where less of the displacement is left.
+    def steps(self, mesh: Level | Subdivision) -> Steps | None:
+        """Gives (edges,) lengths of edges of a mesh over an interval, shorter where less of the displacement is left.
 
         None where they are differences of `stretched` u.
         """
@@ -142,7 +145,7 @@ class SmoothRegion(ABC):
         """(…,) u itself."""
         return u
 
-    def steps(self, _level: Level, _edges: Ints) -> Floats | None:
+    def steps(self, _mesh: Level | Subdivision) -> Steps | None:
         """None: they are differences of u."""
         return None
 

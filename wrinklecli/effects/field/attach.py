@@ -44,11 +44,9 @@ _MOST_FACETED = 0.8
 _HELD = 4
 # Half height of the tallest fold over the wavelength below which nobody sees one.
 _LEAST_HEIGHT = 0.01
-# Part of the greatest height below which nothing is seen.
-_LEAST_SEEN = 0.02
-# Part of a height below which nothing moves: a tenth of the default --max-error. Shapes that are not negative fade
-# slowly, and would else be all over a garment.
-UNSEEN = 1e-3
+# Part of the greatest height below which nothing is seen: there shapes end, without a step. As they are not negative,
+# they fade slowly, and would else be all over a garment.
+UNSEEN = 0.02
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3
@@ -166,7 +164,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         )
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
-    seen = members[(shares[surface.triangles[members]] > _LEAST_SEEN).any(axis=1)]
+    seen = members[(shares[surface.triangles[members]] > UNSEEN).any(axis=1)]
     drawn = (wavelength, tool.variation, seed)
     longer, _ = irregular.varied(rest.positions, measured.lines, *drawn)
     lines = irregular.turned(measured.lines, rest.normals, rest.positions, *drawn)

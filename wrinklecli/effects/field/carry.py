@@ -76,8 +76,9 @@ def displaced(
     sheet = Sheet.of(positions, np.searchsorted(vertices, faces))
     # Linear mixtures of coarse values have creases.
     average = sheet.averaging(NEAR * attached.wavelength)
-    heights = np.maximum(average.of(values[:, :count]), 0.0)
+    heights = average.of(values[:, :count])
     whole = max(float(heights.max(initial=0.0)), _TINY)
+    heights = np.maximum(heights - UNSEEN * whole, 0.0)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     remaining = float(heights.max(initial=0.0)) / whole
     covered = np.zeros(len(free))
@@ -85,8 +86,6 @@ def displaced(
     waves = _waves(attached, sheet, average, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
     moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
-    lengths = np.sqrt(np.sum(moves**2, axis=2))
-    moves = np.where((lengths > UNSEEN * lengths.max(initial=0.0))[:, :, None], moves, 0.0)
     if shown is not None:
         left = lowering(attached, shown, fine, vertices, moves)
         moves *= left[:, :, None]

@@ -8,14 +8,16 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.path import Straight
-from wrinklecli.surface.region import SmoothRegion
+from wrinklecli.surface.region import SmoothRegion, Steps
 from wrinklecli.surface.rest import Rest
 
 # Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
 _STEEP = 0.2
-# Length along a crest over that across it of edges that show it as well.
-_SLENDER = 2.5
+# Length along a crest over that across it of edges that show it as well. Poses that compress a surface make triangles
+# more slender again, and slivers are seen as scratches.
+_SLENDER = 1.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,22 +75,25 @@ class FieldRegion(SmoothRegion):
         """(…,) parts of the greatest height."""
         return np.clip(1.0 - np.abs(v), 0.0, 1.0)
 
-    def steps(self, level: Level, edges: Ints) -> Floats:
-        """(edges,) lengths across the crests over half a wavelength, shorter where wrinkles are lower."""
-        ends = level.edges[edges]
-        used, at = np.unique(ends, return_inverse=True)
-        at = at.reshape(-1, 2)
+    def steps(self, mesh: Level | Subdivision) -> Steps:
+        """Gives (edges,) lengths across the crests over half a wavelength, shorter where wrinkles are lower."""
+        steep = np.minimum(self.height * self.shares / self.wavelengths / _STEEP, 1.0)
         coarse = np.concatenate(
-            [self.pose.positions, _tensors(self.lines), self.shares[:, None], self.wavelengths[:, None]], axis=1
+            [self.pose.positions, _tensors(self.lines), steep[:, None], self.wavelengths[:, None]], axis=1
         )
-        places, lines, shares, wavelengths = np.split(level.of_vertices(used, coarse), [3, 12, 13], axis=1)
-        way = places[at[:, 1]] - places[at[:, 0]]
-        line = lines[at].mean(axis=1)
-        # The part across the crests, and a share of the whole.
-        squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
-        length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
-        steep = (self.height * shares / wavelengths)[at, 0].max(axis=1)
-        return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.sqrt(steep / _STEEP))
+
+        def found(ends: Ints) -> Floats:
+            used, at = np.unique(ends, return_inverse=True)
+            at = at.reshape(-1, 2)
+            places, lines, steep, wavelengths = np.split(mesh.of_vertices(used, coarse), [3, 12, 13], axis=1)
+            way = places[at[:, 1]] - places[at[:, 0]]
+            line = lines[at].mean(axis=1)
+            # The part across the crests, and a share of the whole.
+            squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
+            length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
+            return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.sqrt(steep[at, 0].max(axis=1)))
+
+        return found
 
 
 def _tensors(lines: Floats) -> Floats:

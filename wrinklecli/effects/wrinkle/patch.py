@@ -232,7 +232,7 @@ class Patch(Attached[WrinkleTool]):
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
         return smoothstep(t) * self.share(u, v, cosines)
 
-    def steps(self, _level: Level, _edges: Ints) -> None:
+    def steps(self, _mesh: Level | Subdivision) -> None:
         """None: they are differences of u."""
         return
 
