@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kit.bakes import bake_config, bake_once
+from kit.bakes import bake_config, bake_once, place
 from kit.clients import assert_valid
+from kit.limb import limb_asset, tool
 from kit.player import Floats, Gltf, Json, wrinkle_columns
 from kit.samples import (
     BACK,
@@ -161,6 +162,18 @@ def test_frames_of_a_mesh_without_normals() -> None:
     for k in range(len(times)):
         assert np.abs(file.attribute(nodes[first + k], "POSITION") - posed[k]).max() < 4e-7
     assert_valid(file.path)
+
+
+def test_each_primitive_of_a_frame_has_its_own_vertices() -> None:
+    asset = place(limb_asset(rings=7, sides=6, primitives=3))
+    file, morphed = (bake_once(asset, tool(bumps=2), mode=mode, fps=4) for mode in ("frames", "morph"))
+    nodes = frame_nodes(file, "limb")
+    ((first, times),) = clip_times(file, "limb", nodes).values()
+    wanted = morphed.pose("limb", 0, times)
+    counts = [len(file.array(each["attributes"]["POSITION"])) for each in file.mesh(nodes[0])["primitives"]]
+    assert counts == [len(morphed.array(each["attributes"]["POSITION"])) for each in morphed.mesh("limb")["primitives"]]
+    for k, posed in enumerate(wanted):
+        assert np.abs(file.attribute(nodes[first + k], "POSITION") - posed).max() < 1e-6
 
 
 def test_frames_of_a_mesh_without_any_clip_are_refused() -> None:

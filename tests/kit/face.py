@@ -218,13 +218,6 @@ class Face:
             found[name.split()[0]] += [places[v] for v in vertices]
         return {name: self._moved(np.array(points)) for name, points in found.items()}
 
-    def landmark(self, x: float, y: float) -> Array:
-        """(3,) the place of the skin that is at so many metres aside and above the foot of the neck, as written."""
-        places, _, _ = self._skin
-        front = np.flatnonzero(places[:, 2] > 0)
-        near = front[np.argmin((places[front, 0] - x) ** 2 + (places[front, 1] - y) ** 2)]
-        return self._moved(places[near][None])[0]
-
     @property
     def height(self) -> float:
         """From chin to crown, scene units."""

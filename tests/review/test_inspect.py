@@ -19,7 +19,7 @@ from kit.samples import sample
 from wrinklecli.character.clip import read_clips
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.review.inspect import KINDS, inspect
+from wrinklecli.review.inspect import KINDS, _touch, inspect
 
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])
@@ -398,3 +398,16 @@ def test_a_missing_file_is_one_line(wrinkle: Wrinkle) -> None:
     ran = wrinkle("inspect", "absent.glb")
     assert (ran.code, ran.out) == (1, "")
     assert ran.lines == ["absent.glb: cannot be read: No such file or directory"]
+
+
+def test_a_touch_is_carried_by_the_joints_of_its_middle() -> None:
+    drive = {
+        "name": "tap",
+        "anchors": [{"joints": ["hand", "thumb"]}, {"joints": ["finger"]}],
+        "pad": 0.1,
+        "grip": 0.06,
+        "windows": [0, 1, 2],
+        "targets": ["a"],
+    }
+    said = {"name": "tap", "joints": ["hand", "thumb"], "pad": 0.1, "grip": 0.06, "directions": 3, "targets": ["a"]}
+    assert _touch(drive) == said

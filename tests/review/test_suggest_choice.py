@@ -354,3 +354,17 @@ def test_rims_are_where_a_surface_ends() -> None:
     mesh: Any = SimpleNamespace(sites=sites, gauge=sites.gauge, rest=made.rest)
     border = flat[((flat == 0.0) | (flat == 1.0))[:, :2].any(axis=1)]
     assert np.array_equal(np.unique(rims_of(mesh), axis=0), np.unique(border, axis=0))
+
+
+@pytest.mark.parametrize(("turn", "gap", "looks"), [(1, 0.1, True), (-1, 0.1, False), (1, 0.5, False)])
+def test_rims_are_where_a_surface_looks_at_itself_nearby(turn: int, gap: float, looks: bool) -> None:
+    """Two sites, as far from the one mesh's border as can be, face each other, turn their backs, or are far away."""
+    normals = turn * np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    places = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, gap]])
+    closed = np.array([[0, 1, 2], [0, 2, 1]])
+    mesh: Any = SimpleNamespace(
+        sites=SimpleNamespace(positions=places, normals=normals, radius=0.1),
+        gauge=SimpleNamespace(triangles=closed),
+        rest=SimpleNamespace(positions=np.eye(3)),
+    )
+    assert rims_of(mesh).tolist() == (places.tolist() if looks else [])

@@ -1,8 +1,11 @@
 """`suggest --face` finds the tools of an artist where targets of a face, by any of their names, compress its skin."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +21,9 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.gltf.document import read_document
+from wrinklecli.review.suggest.face_parts import _eyes_below
 from wrinklecli.review.suggest.face_targets import motions_of
+from wrinklecli.review.suggest.faces import _beside_mouth
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.review.suggest.worth import Worthwhile
 from wrinklecli.surface.rest import rest_pose
@@ -290,3 +295,60 @@ def test_an_asset_without_a_face_has_nothing(tmp_path: Path) -> None:
         result.exception
     )
     assert not (tmp_path / "tools.yaml").exists()
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 7.0])
+def test_eyes_below_brows_are_as_large_and_as_far_below_as_brows_are_wide(scale: float) -> None:
+    """Brows along x from -1 to 1, times a scale, at which all lengths of the eyes grow alike."""
+    across = np.linspace(-scale, scale, 101)
+    sites: Any = SimpleNamespace(positions=np.stack([across, np.zeros(101), np.zeros(101)], axis=1))
+    brows: Any = SimpleNamespace(weights=np.ones(101), middle=np.zeros(3))
+    up, left = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
+    eyes = _eyes_below(brows, sites, up, left)
+    apart = eyes.left - eyes.right
+    assert apart[0] == pytest.approx(0.6 * 2.0 * scale, rel=0.1)
+    assert apart[1:].tolist() == [0.0, 0.0]
+    assert eyes.half_width == pytest.approx(0.25 * apart[0])
+    assert (eyes.left + eyes.right) / 2.0 == pytest.approx([0.0, -0.35 * apart[0], 0.0])
+
+
+@dataclass(frozen=True)
+class Region:
+    """What is moved of a compressed region."""
+
+    normal: np.ndarray
+    centre: np.ndarray
+
+
+@dataclass(frozen=True)
+class Furrow:
+    """What is moved of a candidate."""
+
+    region: Region
+    origin: np.ndarray
+    target: np.ndarray
+    between: np.ndarray
+
+
+@pytest.mark.parametrize(("mouth", "up"), [(-1.0, 0.0), (-0.9, 0.1), (-0.6, 0.2)])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_furrow_goes_up_until_it_ends_beside_the_mouth_but_half_its_width_at_most(
+    mouth: float, up: float, turned: bool
+) -> None:
+    """A tool across x, whose furrow of 0.4 along y ends at -1, on a plane."""
+    ends = [np.array([-0.1, -0.8, 0.0]), np.array([0.1, -0.8, 0.0])]
+    origin, target = ends[::-1] if turned else ends
+    ahead = np.array([0.0, 0.0, 1.0])
+    none = np.zeros((0, 3))
+    region = Region(ahead, np.array([0.0, -0.8, 0.0]))
+    candidate: Any = Furrow(region, origin, target, none)
+    face: Any = SimpleNamespace(
+        up=np.array([0.0, 1.0, 0.0]),
+        mouth=mouth,
+        size=1.0,
+        middle=np.zeros(3),
+        mesh=SimpleNamespace(rest=SimpleNamespace(foot=lambda place: (place,))),
+    )
+    found = _beside_mouth(face, candidate, 0.4)
+    for old, new in ((origin, found.origin), (target, found.target), (region.centre, found.region.centre)):
+        assert new - old == pytest.approx([0.0, up, 0.0])

@@ -14,6 +14,7 @@ from kit.samples import sample
 from kit.suggested import in_assets, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.review.check import check
+from wrinklecli.review.suggest.garments import _name_of
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RefinementSettings
@@ -187,3 +188,18 @@ def test_a_garment_of_facets_gets_neither_a_field_nor_tools(tmp_path: Path) -> N
     assert not found.text
     assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused"), ("joint_1", "facets")]
     assert "is faceted" in found.dropped[0].line
+
+
+@pytest.mark.parametrize(
+    ("names", "word"),
+    [
+        (["Body_Trousers_01"], "trousers"),
+        (["rig_shirt_sleeve"], "sleeve"),
+        (["skirt", "node_3"], "skirt"),
+        (["Red_Coat", "skirt"], "coat"),
+        (["mesh", "node_3"], "clothes"),
+        ([], "clothes"),
+    ],
+)
+def test_a_field_is_named_for_the_last_garment_in_the_name_of_its_node(names: list[str], word: str) -> None:
+    assert _name_of(names) == word

@@ -23,6 +23,7 @@ from wrinklecli.effects.wrinkle.creases import creased
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.surface.mask import Mask
 from wrinklecli.surface.refine import Refinement
 
 RINGS = 12
@@ -305,6 +306,11 @@ def test_a_preset_may_have_a_mask(tmp_path: Path) -> None:
     given = {"jeans": {"material": "cloth", "mask": {"image": "mask.png"}}}
     file = write_tools(tmp_path / "tools.yaml", tool(material="jeans"), presets=given)
     assert check(path, file).data["tools"][0]["mask"] == pytest.approx(128 / 255, rel=1e-6)
+
+
+def test_a_welded_vertex_has_the_mean_of_its_copies() -> None:
+    painted = Mask(np.array([[0.2], [0.6], [1.0], [0.1]]), None)
+    assert painted.welded(np.array([1, 1, 0, 1]), 3) == pytest.approx([1.0, 0.3, 0.0])
 
 
 def test_the_image_is_a_dependency_and_is_not_overwritten(tmp_path: Path, wrinkle: Wrinkle) -> None:
