@@ -10,5 +10,6 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     apart = distances_from_crossings(fold, further)
     assert apart is not None
     surface = Surface.of(fold, apart)
-    sweeps = [surface.sweep(*each) for each in surface.sweeps_to_solve]
-    return resolve(surface, poses_of_sweeps(surface, sweeps), share=0.35, most=most)
+    poses = poses_of_sweeps([surface.sweep(0, end) for end in fold.hinge.ends])
+    leaning = [pose for each in surface.leaning_sweeps for pose in surface.sweep(*each).poses]
+    return resolve(surface, [*poses, *leaning], share=0.35, most=most)

@@ -13,6 +13,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.asset import Asset, Json, attribute
 from kit.bakes import UNREFINED, folding_limb
+from kit.folds import FOLDS
 from kit.limb import limb_asset, tool, write_tools
 from kit.muscles import muscle
 from kit.player import Gltf
@@ -20,7 +21,8 @@ from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact import march, solution, tearing
-from wrinklecli.effects.contact.crease import Crease
+from wrinklecli.effects.contact.crease import Crease, Surface, Sweep
+from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import FADE as STRIDES
 from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
@@ -361,3 +363,21 @@ def test_triangles_that_touch_at_rest_never_collide() -> None:
     assert tissue.colliding.tolist() == [False] * 4 + [True] * 4
     assert tissue.gaps == pytest.approx((0.7, 0.3))
     assert tissue.without_touching() is tissue
+
+
+def test_a_fold_that_its_own_motion_gives_up_is_solved_no_further(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither motions about leaning axes nor clips are solved for it."""
+    solved = list[int]()
+
+    def failing(_surface: Surface, number: int, _end: float) -> Sweep:
+        solved.append(number)
+        return Sweep([], UnresolvedError(GivenUp(UNSETTLED, 1)))
+
+    monkeypatch.setattr(Surface, "sweep", failing)
+    monkeypatch.setattr(Surface, "march", lambda *_: pytest.fail("a clip is solved"))
+    asset, tools = FOLDS["low_poly"]().write(tmp_path, contact="resolve")
+    (fold,) = wrinklecli.bake(asset, tools, tmp_path / "out.glb", jobs=1).data["folds"]
+    assert fold["given_up"]["reason"] == UNSETTLED
+    assert set(solved) == {0}

@@ -143,9 +143,9 @@ class Surface:
         return self.fold.vertices[free_rows(self.tissue)]
 
     @property
-    def sweeps_to_solve(self) -> list[tuple[int, float]]:
-        """The sweeps of the joint: the number of a leaning, and where the sweep ends."""
-        return [(number, end) for number in range(len(self.fold.hinge.leanings)) for end in self.fold.hinge.ends]
+    def leaning_sweeps(self) -> list[tuple[int, float]]:
+        """The sweeps whose axis leans: the number of a leaning, and where the sweep ends."""
+        return [(number, end) for number in range(1, len(self.fold.hinge.leanings)) for end in self.fold.hinge.ends]
 
     def sweep(self, number: int, end: float) -> "Sweep":
         """Solve the sweep of a leaning, by its number, to an end.
@@ -170,8 +170,8 @@ class Surface:
                         if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
                             break
         except UnresolvedError as error:
-            return Sweep(number, poses, error)
-        return Sweep(number, poses)
+            return Sweep(poses, error)
+        return Sweep(poses)
 
     def march(self, clip: Clip, times: Floats) -> "MarchedClip":
         """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
@@ -340,12 +340,10 @@ class Sweep:
     """A solved sweep of a joint.
 
     Attributes:
-        number: Of the leaning of its axis.
         poses: Those in which contact moves something.
         failed: The error that ends the sweep; None if none does.
     """
 
-    number: int
     poses: list[SolvedPose]
     failed: UnresolvedError | None = None
 
@@ -431,17 +429,17 @@ def _in_clip(
         yield from marching.through(clip, times[part], strides[part])
 
 
-def poses_of_sweeps(surface: Surface, solved: Sequence[Sweep]) -> list[SolvedPose]:
-    """The poses of the sweeps of a fold in which contact moves something.
+def poses_of_sweeps(solved: Sequence[Sweep]) -> list[SolvedPose]:
+    """The poses in which contact moves something, of a joint's motion about its own axis.
 
     Raises:
-        UnresolvedError: The joint's own motion has a fault, and none of its poses that touch counts beyond 30°.
+        UnresolvedError: This motion has a fault, and none of its poses that touch counts beyond 30°.
     """
-    straight = [each for each in solved if not surface.fold.hinge.leanings[each.number].any()]
-    for each in straight:
-        if each.failed is not None and not any(pose.far for other in straight for pose in other.poses):
-            raise each.failed
-    return [pose for each in solved for pose in each.poses]
+    poses = [pose for each in solved for pose in each.poses]
+    failed = [each.failed for each in solved if each.failed is not None]
+    if failed and not any(pose.far for pose in poses):
+        raise failed[0]
+    return poses
 
 
 def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most: int, fewest: int = 1) -> Crease:

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
+from operator import call
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -176,7 +177,8 @@ class _SolvedSystem:
 def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
     """Resolve the folds of a system, and solve and follow the clips.
 
-    Clips are solved beside the sweeps of the folds, as neither needs the other.
+    The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
+    clips are solved beside the sweeps whose axes lean, as neither needs the other.
     """
     from wrinklecli.effects.contact.crease import Surface, poses_of_sweeps
 
@@ -184,36 +186,34 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
     ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
     surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
     given_up = _given_up_of([fold for fold, _ in crossing], ready)
-    if not surfaces:
+    shared = [part for each in surfaces for part in (each.fold, each.tissue)]
+    central = [partial(each.sweep, 0, end) for each in surfaces for end in each.fold.hinge.ends]
+    found = iter([*in_processes(call, central, jobs, shared=shared)])
+    own = [_outcome(partial(poses_of_sweeps, [next(found) for _ in each.fold.hinge.ends])) for each in surfaces]
+    given_up += _given_up_of([each.fold for each in surfaces], own)
+    sound = [
+        (surface, poses) for surface, poses in zip(surfaces, own, strict=True) if not isinstance(poses, UnresolvedError)
+    ]
+    if not sound:
         return _SolvedSystem(given_up, [])
-    solver = _Solver(surfaces, clips)
-    sweeps = [partial(each.sweep, *sweep) for each in surfaces for sweep in each.sweeps_to_solve]
+    solver = _Solver([surface for surface, _ in sound], clips)
+    leaning = [[partial(each.sweep, *sweep) for sweep in each.leaning_sweeps] for each, _ in sound]
     # Clips take longest, so they are begun first.
-    work: list[Callable[[], Any]] = [*sweeps, *solver.work]
-    with closing(
-        in_processes(_outcome, work, jobs, shared=solver.shared, size=lambda each: float(each not in sweeps))
-    ) as found:
-        solved: list[list[Any]] = [[next(found) for _ in each.sweeps_to_solve] for each in surfaces]
-        own = [_outcome(partial(poses_of_sweeps, *each)) for each in zip(surfaces, solved, strict=True)]
-        given_up += _given_up_of([each.fold for each in surfaces], own)
-        sound = [
-            (surface, poses)
-            for surface, poses in zip(surfaces, own, strict=True)
-            if not isinstance(poses, UnresolvedError)
-        ]
-        spanned: list[tuple[Crease, dict[int, Followed]]] = []
+    work: list[Callable[[], Any]] = [*solver.work, *chain.from_iterable(leaning)]
+    spanned: list[tuple[Crease, dict[int, Followed]]] = []
+    with closing(in_processes(_outcome, work, jobs, shared=solver.shared)) as results:
         try:
-            if len(sound) == len(surfaces):
-                solver.keep(found)
-            elif sound:
-                solver = _Solver([surface for surface, _ in sound], clips)
-                solver.keep(in_processes(_outcome, solver.work, jobs, shared=solver.shared))
+            solver.keep(results)
+            for surface, poses in sound:
+                for _ in surface.leaning_sweeps:
+                    swept: Any = next(results)
+                    poses += swept.poses
             with degenerate_given_up():
                 for each in sound:
                     spanned.append(_spanned(*each, spanned, solver))
         except UnresolvedError as error:
             return _SolvedSystem([*given_up, *((surface.fold, error.given_up) for surface, _ in sound)], [])
-        return _SolvedSystem(given_up, spanned)
+    return _SolvedSystem(given_up, spanned)
 
 
 def _given_up_of(folds: "Sequence[Fold]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
@@ -365,13 +365,14 @@ class _Solver:
         """The objects that the solutions of clips and of sweeps refer to."""
         return self._system.parts(self.clips.values())
 
-    def keep(self, solved: "Iterator[MarchedClip | UnresolvedError]") -> None:
-        """Keep the results of `work`.
+    def keep(self, solved: "Iterator[Any]") -> None:
+        """Keep the results of `work`, the first of some.
 
         Raises:
             UnresolvedError: The folds cannot be resolved in a clip.
         """
-        for number, outcome in zip(self._numbers, solved, strict=True):
+        for number in self._numbers:
+            outcome = next(solved)
             if isinstance(outcome, UnresolvedError):
                 raise outcome
             self.kept[number] = outcome
