@@ -200,7 +200,9 @@ class Response:
         hessian = (along.T @ contacts.hessian @ along).tocsr()
         given = volume.moves[:, contacts.vertices].reshape(len(volume.stiffness), -1)
         given_along = along.T @ given.T
-        system = hessian @ (gains[vertices[:, None], vertices] * (directions @ directions.T))
+        system = np.zeros((count, count))
+        for some in portions(count, count):
+            system[:, some] = hessian @ (gains[vertices[:, None], vertices[some]] * (directions @ directions[some].T))
         system[np.diag_indices(count)] += 1.0
         moved = along.T @ (gains @ contacts.forces - contacts.off).reshape(-1)
         # First the contacts without pressure and under each unit of it, then the pressures.
