@@ -82,7 +82,7 @@ def test_words_of_names_say_what_a_mesh_is_made_of(name: str, kind: str | None) 
     ],
 )
 def test_the_file_says_what_wrinkles(tmp_path: Path, material: Json, kind: str) -> None:
-    found = suggested(tmp_path, dressed(limb_asset(rings=24, sides=16), **material), count=1)
+    found = suggested(tmp_path, dressed(limb_asset(rings=11, sides=8), **material), count=1)
     assert found.tools[0].tool.material == kind
     assert any(note.startswith(f"'limb': {kind}, ") for note in found.notes)
 

@@ -56,6 +56,8 @@ LEAST_BENT = 0.02
 _LOOKS = 4
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
+# Part of the budget for fields: eight tools of 0.1 MB each, as most take, are a tenth of the usual budget.
+_OF_FIELDS = 0.9
 # Most that folds are widened to take less memory: they still look like those of the material.
 _WIDEST = 1.5
 # Edges are halved as a whole, so that a wavelength that should just fit may not.
@@ -206,31 +208,41 @@ def suggest_fields(
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
-    The budget is bytes on a GPU. What a field takes is known before the mesh carries it, which takes longest. Where it
-    takes more, wider folds, which need fewer vertices, may fit.
+    The budget is bytes on a GPU. What a field takes is known before the mesh carries it, which takes longest. Where all
+    take too much, wider folds, which need fewer vertices, may fit: so all are as much wider.
     """
     drafts, dropped = list[_Draft](), list[Dropped]()
-    for each in garments:
-        name, where = each.field.name, each.mesh.rig.names[each.mesh.rig.node]
+
+    def draft(each: Garment) -> None:
         try:
-            draft = _Draft.of(asset, each)
-            # Vertices are as many as squares of a wavelength's side.
-            wider = math.sqrt(draft.gpu_bytes / budget) if budget > 0 else math.inf
-            if 1.0 < wider < _WIDEST:
-                wavelength = each.field.wavelength
-                length = replace(wavelength, value=round(wavelength.value * min(_TO_FIT * wider, _WIDEST), 1))
-                draft = _Draft.of(asset, replace(each, field=replace(each.field, wavelength=length)))
+            drafts.append(_Draft.of(asset, each))
         except WrinkleError as error:
-            dropped.append(Dropped(name, where, "refused", 0.0, error.lines[0]))
-            continue
-        if draft.gpu_bytes > budget:
-            dropped.append(Dropped.costly(name, where, draft.gpu_bytes))
+            where = each.mesh.rig.names[each.mesh.rig.node]
+            dropped.append(Dropped(each.field.name, where, "refused", 0.0, error.lines[0]))
+
+    for each in garments:
+        draft(each)
+    usual, total = [each.garment for each in drafts], sum(each.gpu_bytes for each in drafts)
+    # Vertices are about as many as squares of a wavelength's side.
+    for wider in (min(_TO_FIT * math.sqrt(total / max(_OF_FIELDS * budget, 1.0)), _WIDEST), _WIDEST):
+        if sum(each.gpu_bytes for each in drafts) <= _OF_FIELDS * budget:
+            break
+        drafts = []
+        for each in usual:
+            wavelength = each.field.wavelength
+            length = replace(wavelength, value=round(wavelength.value * wider, 1))
+            draft(replace(each, field=replace(each.field, wavelength=length)))
+    fitting = list[_Draft]()
+    for made in drafts:
+        if made.gpu_bytes > budget:
+            where = made.garment.mesh.rig.names[made.garment.mesh.rig.node]
+            dropped.append(Dropped.costly(made.garment.field.name, where, made.gpu_bytes))
         else:
-            budget -= draft.gpu_bytes
-            drafts.append(draft)
+            budget -= made.gpu_bytes
+            fitting.append(made)
     fields = list[SuggestedField]()
-    for step, found in enumerate(in_processes(partial(_judged, asset, clips), drafts, asset.jobs), 1):
-        progress("fields", step, len(drafts))
+    for step, found in enumerate(in_processes(partial(_judged, asset, clips), fitting, asset.jobs), 1):
+        progress("fields", step, len(fitting))
         if isinstance(found, Dropped):
             dropped.append(found)
         else:

@@ -27,12 +27,11 @@ class Merits:
         seen: Part of the wrinkles that is visible.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
-        large: Size of the place over that of an elbow or a knee: nobody sees a finger of a whole character.
+        large: Size of the place over that of an elbow or of toes: nobody sees a finger of a whole character.
         closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
-        long: Length of a crest over what makes it a fold, and no lump.
 
-    A merit is NaN where it says nothing: the last three of a field, and the size and the closing of lines of a face, at
-    which one looks from close by. Then it counts as that of places that artists keep.
+    The last two are NaN for what is no fold of a limb: lines of a face, at which one looks from close by, and fields.
+    Then they count as those of places that artists keep.
     """
 
     seen: float
@@ -40,7 +39,6 @@ class Merits:
     smooth: float
     large: float
     closed: float
-    long: float
 
 
 REASONS = {
@@ -49,7 +47,6 @@ REASONS = {
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
     "large": ("small", "it is small: its size is {} of an elbow's"),
     "closed": ("open", "nothing folds: its ends lean to each other by {}, and by 50 % on a plane"),
-    "long": ("lumps", "its crests are lumps: they are {} as long as folds"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 

@@ -40,8 +40,6 @@ from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.substance import is_rigid
 from wrinklecli.tools.records import RefinementSettings
 
-# Part of the budget for fields: eight tools of 0.1 MB each, as most take, are a tenth of the usual budget.
-_OF_FIELDS = 0.9
 # Most meshes that a reason names.
 _MOST_NAMED = 6
 
@@ -162,7 +160,7 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, checked, _OF_FIELDS * budget, progress)
+        fields, unfit = suggest_fields(tried, garments, checked, budget, progress)
         budget -= sum(each.gpu_bytes for each in fields)
         folded = {each.field.name for each in fields}
         bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])

@@ -47,10 +47,8 @@ _SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
-# Size of an elbow or a knee over that of its character.
-_JOINT = 0.08
-# Length of a crest over the distance to the next one, from which it is a fold, whatever else it is.
-_FOLD = 8.0
+# Size of toes or an elbow over that of their character.
+_JOINT = 0.06
 # Part of a tool's length that is an end of it.
 _ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
@@ -185,9 +183,7 @@ def _tried(
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
     try:
         trials = Trial.of(asset, suggestion)
-        best = Score.of(
-            Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), large=1.0, closed=1.0, long=1.0)
-        )
+        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), large=1.0, closed=1.0))
         if checked is not None and not best.is_kept:
             return dropped(*best.reason), refinement
         needed, placed = refinement, dict[str, Placement]()
@@ -293,11 +289,9 @@ class _Look:
     @property
     def score(self) -> Score:
         """Measure and weigh the tool."""
-        seen, attached = look_at(self.best, self.sight, self.side), self.placement.part.attached
+        seen = look_at(self.best, self.sight, self.side)
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
         light = seen.crests.contrast + _UNNOTICED
-        # A field has no ends and no curve.
-        aspect = math.nan if attached.segment is None else 2.0 * attached.regions[0].half_width / attached.bump_width
         return Score.of(
             Merits(
                 seen=seen.side.visible,
@@ -305,7 +299,6 @@ class _Look:
                 smooth=1.0 - hard,
                 large=min(self.tallest.size / (_JOINT * self.size), 1.0),
                 closed=math.nan if math.isnan(self.size) else _closed(self.best),
-                long=min(aspect / _FOLD, 1.0),
             )
         )
 
