@@ -334,7 +334,7 @@ def _turned(subdivision: Subdivision, corners: Ints, weld: Ints, places: Floats,
         if steps is not None:
             free = own[(owners[own] == 1) & subdivision.changed[own]]
             lengths = partial(_of_corners, steps, weld)
-            found[free] = turn_diagonals(found[free], places[weld], lengths, _DEPARTURE * region.greatest_height)
+            found[free] = turn_diagonals(found[free], places[weld], lengths, _LEAST_SHOWN * region.greatest_height)
     return found
 
 
