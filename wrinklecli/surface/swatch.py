@@ -8,6 +8,7 @@ Source: B. Ottosson, *A perceptual color space for image processing*, 2020 (Okla
 
 from collections.abc import Sequence
 from dataclasses import field
+from functools import cache
 
 import numpy as np
 
@@ -120,9 +121,8 @@ class Pictures:
             starts: (primitives + 1,) the first glTF vertex of each primitive.
             places: The numbers of triangles of each, and how much of the place each triangle has.
         """
-        spread = [_spread(weights) for _, weights in places]
-        triangles = np.concatenate([own[chosen] for (own, _), (chosen, _) in zip(places, spread, strict=True)])
-        shares = np.concatenate([each for _, each in spread])
+        triangles = np.concatenate([own[_spread(weights)] for own, weights in places])
+        shares = np.tile(_evenly_spread(), (len(places), 1))
         owners = np.repeat(np.arange(len(places)), _POINTS)
         colours, metallic = np.zeros((len(triangles), 3)), np.zeros(len(triangles))
         roughness, contrasts = np.full(len(triangles), np.nan), np.full(len(triangles), np.nan)
@@ -223,16 +223,20 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _spread(weights: Floats) -> tuple[Ints, Floats]:
-    """(points,) triangles in proportion to their weights, and (points, 3) barycentric coordinates, evenly spread."""
+def _spread(weights: Floats) -> Ints:
+    """(points,) triangles in proportion to their weights."""
     bounds = np.cumsum(weights)
     at = (np.arange(_POINTS) + 0.5) / _POINTS * bounds[-1]
-    triangles = np.minimum(np.searchsorted(bounds, at), len(weights) - 1)
-    # The R2 sequence (M. Roberts, 2018), folded into the triangle.
+    return np.asarray(np.minimum(np.searchsorted(bounds, at), len(weights) - 1))
+
+
+@cache
+def _evenly_spread() -> Floats:
+    """(points, 3) barycentric coordinates that are evenly spread: the R2 sequence (M. Roberts, 2018), folded."""
     u, v = (np.arange(1, _POINTS + 1)[:, None] * [0.7548776662466927, 0.5698402909980532] % 1.0).T
     outside = u + v > 1.0
     u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
-    return np.asarray(triangles), np.stack([1.0 - u - v, u, v], axis=1)
+    return np.stack([1.0 - u - v, u, v], axis=1)
 
 
 def _stored(texture: Texture, numbers: Ints) -> Bytes:
