@@ -162,11 +162,12 @@ class Surface:
             with degenerate_given_up():
                 solutions = March(fold, self.tissue.again()).through(clip, times)
                 for folded, time, found in zip(way, times, solutions, strict=True):
-                    solved = SolvedPose(clip, float(time), found.settled_in(self.tissue), float(folded), number)
                     if found.fault is not None:
-                        raise _refused(fold, [solved], found.fault)
+                        degrees = float(np.degrees(folded)) if isinstance(fold.hinge, Hinge) else None
+                        return Sweep(poses, UnresolvedError(GivenUp(found.fault, 1, degrees=degrees)))
                     if found.touches:
-                        poses.append(solved)
+                        settled = found.settled_in(self.tissue)
+                        poses.append(SolvedPose(clip, float(time), settled, float(folded), number))
                         if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
                             break
         except UnresolvedError as error:
@@ -475,13 +476,6 @@ def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most
         squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
         crossing=crossing,
     )
-
-
-def _refused(fold: Fold, failed: Sequence[SolvedPose], reason: str) -> UnresolvedError:
-    """The error for poses of the sweeps that have failed."""
-    bends = isinstance(fold.hinge, Hinge)
-    degrees = float(np.degrees(failed[0].folded)) if bends and failed[0].folded is not None else None
-    return UnresolvedError(GivenUp(reason, len(failed), degrees=degrees))
 
 
 def _response(fold: Fold, solved: Sequence[SolvedPose], weights: Floats, torn: Sequence[bool]) -> Table | LeaningTable:
