@@ -1,5 +1,6 @@
 """Golden tests: every kind of change of a document is found and named, and what means the same is the same."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,7 @@ from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.diff import diff
 from wrinklecli.review.diff.difference import Limits
+from wrinklecli.review.diff.nodes import pair_nodes
 from wrinklecli.tools.records import Length
 
 Json = dict[str, Any]
@@ -530,3 +532,16 @@ def test_a_node_that_gets_a_name_is_the_same_node(unnamed: Json, tmp_path: Path)
         paths.append(asset.write(tmp_path / f"{len(paths)}.glb"))
     for one, other in (paths, paths[::-1]):
         assert [each.place for each in diff(one, other).differences] == ["/nodes/2/name"]
+
+
+def test_nodes_are_paired_below_their_parents(tmp_path: Path) -> None:
+    """Two hands with thumbs of one name, in the other order."""
+    documents = []
+    for names in (("left", "right"), ("right", "left")):
+        nodes: list[Json] = []
+        for name in names:
+            nodes += [{"name": name, "children": [len(nodes) + 1]}, {"name": "thumb"}]
+        path = tmp_path / f"{names[0]}.gltf"
+        path.write_text(json.dumps({"asset": {"version": "2.0"}, "nodes": nodes}))
+        documents.append(read_document(path))
+    assert pair_nodes(*documents) == ({0: 2, 1: 3, 2: 0, 3: 1}, [])
