@@ -47,6 +47,8 @@ def test_a_file_for_each_frame(kind: str, tmp_path: Path) -> None:
                 corners = posed[k][morphed.triangles("wrist")]
                 assert mesh.faces.shape == corners.shape[:2]
                 assert np.abs(mesh.vertices[mesh.faces] - corners).max() < 1e-6
+                u, v = morphed.attribute("wrist", "TEXCOORD_0")[morphed.triangles("wrist")].transpose(2, 0, 1)
+                assert np.abs(mesh.visual.uv[mesh.faces] - np.stack([u, 1.0 - v], axis=2)).max() < 1e-6
             else:
                 assert np.abs(mesh.vertices - posed[k]).max() < 1e-6
                 assert np.array_equal(mesh.faces, morphed.triangles("wrist"))
