@@ -46,7 +46,7 @@ REASONS = {
     "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
     "large": ("small", "it is small: its size is {} of an elbow's"),
-    "closed": ("open", "nothing folds: its ends lean to each other by {}, and by 50 % on a plane"),
+    "closed": ("open", "no fold closes there: {}, where a flat place has 50 % and a shut fold 100 %"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
