@@ -119,8 +119,9 @@ def _fitted(
         bad = len(crossing.keys() | wrong.keys())
         known.add(crossing)
         known.add(wrong)
+        hopeless = not last and bad > _HOPELESS * before
         stalled, before = (0, bad) if bad < before else (stalled + 1, before)
-        if not bad or stalled == _STALLED:
+        if not bad or hopeless or stalled == _STALLED:
             break
         suspects = np.array(sorted(crossing), np.intp)
         wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
