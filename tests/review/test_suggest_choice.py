@@ -323,12 +323,14 @@ def test_the_inner_side_of_a_tube_that_tapers_is_left_out(tmp_path: Path) -> Non
         ("neck", ("neck",), False),
         (None, ("hips", "lower leg", None), False),
         (None, (None, "hips", "neck"), True),
+        ("finger", ("lower arm", "hand", "finger"), False),
+        ("finger", ("hand", "finger"), True),
     ],
 )
-def test_a_joint_of_no_part_folds_where_no_limb_is_known(
+def test_a_joint_of_no_part_and_a_finger_fold_where_no_limb_is_known(
     part: Part | None, parts: tuple[Part | None, ...], limb: bool
 ) -> None:
-    """On a body with named limbs such a joint is that of hair, a strap or a tail."""
+    """On a body with named limbs such a joint is that of hair, a strap or a tail, and nobody sees a finger."""
     assert is_limb(part, parts) is limb
 
 

@@ -59,8 +59,6 @@ def weighed(edited: EditedDocument, mesh: BakedMesh) -> BakedMesh:
 def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
     """GPU memory of morph targets in the parts in which a split would keep them, before they are baked.
 
-    The asset's own targets count as far as they move new vertices.
-
     Args:
         plan: The mesh.
         targets: For each target the fine welded vertices that it moves. It turns normals of their neighbours.
@@ -76,9 +74,9 @@ def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
     here = turned.any(axis=1)
     turned, seen, corners = turned[here], seen[here], plan.fine.corners[here]
     sets, part_of = divided(turned if plan.has_normals else seen, seen, own=0)
-    own = int(np.count_nonzero(plan.fine.morph_deltas[:, len(plan.fine.surface.positions) :].any(axis=2)))
-    new = sum(int(each.sum()) * len(distinct_values(corners[part_of == k])) for k, each in enumerate(sets))
-    return texel_bytes(plan, own + new)
+    return texel_bytes(
+        plan, sum(int(each.sum()) * len(distinct_values(corners[part_of == k])) for k, each in enumerate(sets))
+    )
 
 
 def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMesh:

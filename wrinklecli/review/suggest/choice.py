@@ -50,7 +50,7 @@ _NEAR_RIM = 0.8
 _OPPOSITE = -0.3
 # Parts of a body whose joints fold what is around them. Around others it slides, bulges or is stiff: of 64 places there
 # that were judged by eye, twice each, 4 % of looks kept one. An upper arm folds a garment, whose field is looked at.
-_FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "finger", "upper leg", "lower leg", "toes"))
+_FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "upper leg", "lower leg", "toes"))
 # What is between the names of motions in the name of the one that joins them.
 JOINED = " + "
 
@@ -63,8 +63,12 @@ def why_unfolded(name: str, *, limb: bool) -> str:
 
 
 def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
-    """True for joints of parts that fold. Those of no part, such as hair's, fold where no elbow or knee is known."""
-    return part in _FOLDING or (part is None and "lower arm" not in parts and "lower leg" not in parts)
+    """True for joints of parts that fold.
+
+    Joints of no part, such as hair's, and fingers fold where no elbow or knee is known: nobody sees a finger of a whole
+    character.
+    """
+    return part in _FOLDING or (part in (None, "finger") and "lower arm" not in parts and "lower leg" not in parts)
 
 
 def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> list[Clip]:

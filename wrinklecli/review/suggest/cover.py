@@ -6,7 +6,7 @@ that wears them, whereas a forearm in front of an upper arm looks at it.
 
 import hashlib
 from collections.abc import Collection, Hashable, Iterator, Sequence
-from functools import cache, cached_property, lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -80,12 +80,6 @@ class Layers:
             # Comparisons with the infinite bounds of a hidden layer are False.
             if (least <= high).all() and (most >= low).all():
                 yield self._posed(number)
-
-    @cached_property
-    def size(self) -> float:
-        """The diagonal of the box round all layers that the stored pose shows, scene units."""
-        boxes = np.array([self._stored_box(number) for number in range(len(self._layers))])
-        return diagonal(boxes[np.isfinite(boxes).all(axis=(1, 2))].reshape(-1, 3))
 
     def _bounds(self, number: int) -> Floats:
         """(2, 3) bounds in the stored pose."""

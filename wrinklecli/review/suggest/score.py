@@ -27,17 +27,15 @@ class Merits:
         seen: Part of the wrinkles that is visible.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
-        large: Size of the place over that of an elbow or of toes: nobody sees a finger of a whole character.
         closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
 
-    The last two are NaN for what is no fold of a limb: lines of a face, at which one looks from close by, and fields.
-    Then they count as those of places that artists keep.
+    The last is NaN for what is no fold of a limb: lines of a face, and fields. Then it counts as that of places that
+    artists keep.
     """
 
     seen: float
     crests: float
     smooth: float
-    large: float
     closed: float
 
 
@@ -45,7 +43,6 @@ REASONS = {
     "seen": ("hidden", "other parts hide it: {} of its wrinkles can be seen from the best side"),
     "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
-    "large": ("small", "it is small: its size is {} of an elbow's"),
     "closed": ("open", "no fold closes there: {}, where a flat place has 50 % and a shut fold 100 %"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""

@@ -47,8 +47,6 @@ _SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
-# Size of toes or an elbow over that of their character.
-_JOINT = 0.06
 # Part of a tool's length that is an end of it.
 _ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
@@ -183,7 +181,7 @@ def _tried(
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
     try:
         trials = Trial.of(asset, suggestion)
-        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), large=1.0, closed=1.0))
+        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), closed=1.0))
         if checked is not None and not best.is_kept:
             return dropped(*best.reason), refinement
         needed, placed = refinement, dict[str, Placement]()
@@ -207,7 +205,8 @@ def _judged(
 
     It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
-    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time, limb=not suggestion.by_morph)
+    limb = not (suggestion.by_morph or suggestion.part == "neck")
+    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time, limb=limb)
     judged = replace(
         suggestion,
         judgement=None if look is None else look.score,
@@ -276,7 +275,7 @@ class _Look:
         placement: The tool on the refined mesh.
         best: The tool where one sees it best, with what may hide it then, and the side from which.
         tallest: The tool at its peak, where a fold may hide it.
-        size: Of the character, scene units; NaN if the tool is no fold of a limb.
+        limb: True if a limb folds there.
     """
 
     placement: Placement
@@ -284,7 +283,7 @@ class _Look:
     sight: Sight
     side: Side
     tallest: StagedTool
-    size: float
+    limb: bool
 
     @property
     def score(self) -> Score:
@@ -297,8 +296,7 @@ class _Look:
                 seen=seen.side.visible,
                 crests=seen.crests.contrast * seen.crests.share / light,
                 smooth=1.0 - hard,
-                large=min(self.tallest.size / (_JOINT * self.size), 1.0),
-                closed=math.nan if math.isnan(self.size) else _closed(self.best),
+                closed=_closed(self.best) if self.limb else math.nan,
             )
         )
 
@@ -306,7 +304,7 @@ class _Look:
 def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool) -> _Look | None:
     """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
 
-    `limb` is True for a tool that a joint drives.
+    `limb` is True if a limb folds there.
     """
     clip = asset.clip(name)
     first = StagedTool.of(placement, asset.layers, clip, peak)
@@ -323,7 +321,7 @@ def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, li
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, look)
     assert best is not None
-    return _Look(placement, *best, side, first, asset.layers.size if limb else math.nan)
+    return _Look(placement, *best, side, first, limb)
 
 
 def _closed(staged: StagedTool) -> float:
