@@ -323,8 +323,8 @@ def test_the_inner_side_of_a_tube_that_tapers_is_left_out(tmp_path: Path) -> Non
         ("neck", ("neck",), False),
         (None, ("hips", "lower leg", None), False),
         (None, (None, "hips", "neck"), True),
-        ("finger", ("lower arm", "hand", "finger"), False),
-        ("finger", ("hand", "finger"), True),
+        ("finger", ("head", "lower arm", "hand", "finger"), False),
+        ("finger", ("lower arm", "hand", "finger"), True),
     ],
 )
 def test_a_joint_of_no_part_and_a_finger_fold_where_no_limb_is_known(

@@ -4,7 +4,7 @@ Lips, lids and nostrils are *rims*, where a surface slides over another and make
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -65,10 +65,11 @@ def why_unfolded(name: str, *, limb: bool) -> str:
 def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
     """True for joints of parts that fold.
 
-    Joints of no part, such as hair's, and fingers fold where no elbow or knee is known: nobody sees a finger of a whole
-    character.
+    Joints of no part, such as hair's, fold where no elbow or knee is known. A finger folds where no head or knee is:
+    nobody sees one of a whole character.
     """
-    return part in _FOLDING or (part in (None, "finger") and "lower arm" not in parts and "lower leg" not in parts)
+    others: Mapping[Part | None, tuple[Part, ...]] = {None: ("lower arm", "lower leg"), "finger": ("head", "lower leg")}
+    return part in _FOLDING or (part in others and not any(each in parts for each in others[part]))
 
 
 def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> list[Clip]:
