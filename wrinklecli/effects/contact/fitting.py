@@ -142,18 +142,10 @@ def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> 
     return {number: solved[number].with_neighbours(marked) for number, marked in further.items() if marked.any()}
 
 
-def _crossing(
-    solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints, *, most: float = np.inf
-) -> dict[int, Bools]:
-    """The poses, among some, in which a fit crosses, and the (free,) vertices that do; ends beyond `most` poses."""
-    found: dict[int, Bools] = {}
-    for number in numbers.tolist():
-        marked = solved[number].crossing(made[number])
-        if marked.any():
-            found[number] = marked
-        if len(found) > most:
-            break
-    return found
+def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
+    """The poses, among some, in which a fit crosses, and the (free,) vertices that do."""
+    every = {number: solved[number].crossing(made[number]) for number in numbers.tolist()}
+    return {number: marked for number, marked in every.items() if marked.any()}
 
 
 def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
