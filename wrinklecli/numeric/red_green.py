@@ -23,7 +23,7 @@ import numpy as np
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
-from wrinklecli.numeric.sparse import Matrix
+from wrinklecli.numeric.sparse import Matrix, apply_rows
 
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
 _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
@@ -58,7 +58,7 @@ class Level:
 
     def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
         """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
-        return coarse[vertices] if self.linear is None else self.linear.of_rows(vertices, coarse)
+        return apply_rows(self.linear, vertices, coarse)
 
     def of_midpoints(self, edges: Ints, coarse: Floats) -> Floats:
         """(edges, …) linear mixtures of (coarse vertices, …) values at the midpoints of some edges."""
