@@ -91,7 +91,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionfinish() -> None:
-    """What all tests have left is searched once: else pytest does so twice, and Python when it ends."""
+    """Searches for garbage once where all tests have ended; otherwise pytest does so twice, and Python when it ends."""
     gc.collect()
     gc.freeze()
 

@@ -317,7 +317,7 @@ def test_eyes_below_brows_are_as_large_and_as_far_below_as_brows_are_wide(scale:
 
 @dataclass(frozen=True)
 class Region:
-    """What is moved of a compressed region."""
+    """A compressed region, moved."""
 
     normal: np.ndarray
     centre: np.ndarray
@@ -325,7 +325,7 @@ class Region:
 
 @dataclass(frozen=True)
 class Furrow:
-    """What is moved of a candidate."""
+    """A candidate, moved."""
 
     region: Region
     origin: np.ndarray

@@ -220,7 +220,7 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "keep": None if each.judgement is None else round(each.judgement.keep, 3),
         "merits": None
         if each.judgement is None
-        else {name: round(value, 3) for name, value in asdict(each.judgement.merits).items() if value == value},
+        else {name: round(value, 3) for name, value in asdict(each.judgement.merits).items() if not math.isnan(value)},
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
         "confidence": None if each.substance is None else round(each.substance.confidence, 2),

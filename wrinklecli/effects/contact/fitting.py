@@ -64,7 +64,7 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: in
 
 @dataclass(slots=True)
 class _Known:
-    """What fits of other numbers of shapes have found out, from which a fit begins.
+    """A fit begins from this: the weights and the poses that fits of other numbers of shapes have found.
 
     Attributes:
         shares: (poses, free) weights of squared errors: those at vertices that crossed, or were far off, have grown.

@@ -4,6 +4,7 @@
 """
 
 import json
+import math
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -67,7 +68,9 @@ class Score:
         """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing."""
         fitted = _fitted()
         known = {
-            name: float(np.log2(np.clip(value, LEAST, 1.0))) for name, value in asdict(merits).items() if value == value
+            name: float(np.log2(np.clip(value, LEAST, 1.0)))
+            for name, value in asdict(merits).items()
+            if not math.isnan(value)
         }
         logs = {**fitted["kept"], **known}
         behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in fitted["weights"].items()}

@@ -325,7 +325,7 @@ def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, li
 
 
 def _closed(staged: StagedTool) -> float:
-    """How far the ends of a tool lean to each other, 0 to 1; 0 if one of them is not there."""
+    """A number from 0 to 1 that says how far the ends of a tool lean to each other; 0 if one of them is not there."""
     triangles = staged.triangles[staged.place]
     us, areas = staged.places[triangles, 0].mean(axis=1), face_normals(staged.plain, triangles)
     ends = [us < _ENDS, us > 1.0 - _ENDS]
