@@ -43,7 +43,7 @@ def plumed() -> Asset:
 @pytest.mark.quick(2)
 def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
     asset = tubes().write(tmp_path / "tubes.glb")
-    found = wrinklecli.suggest(asset, muscles=True)
+    found = wrinklecli.suggest(asset, muscles=True, range_of_motion=True)
     assert [each.muscle.name for each in found.muscles] == [f"{name}.L" for name in NAMES]
     assert all(each.mirrored for each in found.muscles)
     assert "guess" in found.text
@@ -54,7 +54,7 @@ def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
 
 def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     """A biceps and the thigh's quadriceps in front, triceps, hamstrings and calf behind, flexors below."""
-    found = wrinklecli.suggest(plumed().write(tmp_path / "tubes.glb"), muscles=True)
+    found = wrinklecli.suggest(plumed().write(tmp_path / "tubes.glb"), muscles=True, range_of_motion=True)
     sides = {}
     for each in found.muscles:
         assert isinstance(each.muscle.origin, JointPoint)
@@ -65,11 +65,35 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     assert [each.muscle.name for each in found.muscles if each.mirrored] == [f"{name}.L" for name in NAMES[3:]]
 
 
+def test_muscles_that_no_clip_moves_are_left_out(tmp_path: Path) -> None:
+    """A clip that bends the right arm moves its muscles; the left arm gets the same, as its mirror image."""
+    found = wrinklecli.suggest(tubes().write(tmp_path / "tubes.glb"), muscles=True)
+    assert [each.muscle.name for each in found.muscles] == [f"{name}.L" for name in NAMES[:3]]
+    assert list(found.notes) == [f"{name}.L: left out, as no clip changes its length" for name in NAMES[3:]]
+    biceps, triceps, _ = (each.bulging for each in found.muscles)
+    assert biceps.shortening > 0.1
+    assert biceps.height > 0.005
+    assert abs(triceps.height) < biceps.height / 4.0
+
+
+@pytest.mark.slow
+def test_what_a_clip_does_to_a_muscle_is_what_check_says(tmp_path: Path) -> None:
+    asset = dressed().write(tmp_path / "dressed.glb")
+    found = wrinklecli.suggest(asset, muscles=True)
+    (tmp_path / "muscles.yaml").write_text(found.text)
+    checked = {each["name"]: each["clips"] for each in check(asset, tmp_path / "muscles.yaml").data["muscles"]}
+    assert found.muscles
+    for each in found.muscles:
+        names = [each.muscle.name, *([each.muscle.name[:-1] + "R"] if each.mirrored else [])]
+        moves = [end for name in names for clip in checked[name] for end in clip["bulge"]]
+        assert each.bulging.height == pytest.approx(max(map(abs, moves)), rel=0.1)
+
+
 @pytest.mark.slow
 def test_hamstrings_begin_right_below_the_buttock(tmp_path: Path) -> None:
     """From 0.77 m down they leave a hollow below the buttock, of which the crease is at 0.83 m, as they swell."""
     asset = cartoon().write(tmp_path / "cartoon.glb")
-    (tmp_path / "muscles.yaml").write_text(wrinklecli.suggest(asset, muscles=True).text)
+    (tmp_path / "muscles.yaml").write_text(wrinklecli.suggest(asset, muscles=True, range_of_motion=True).text)
     wrinklecli.bake(asset, tmp_path / "muscles.yaml", tmp_path / "out.glb", only=["hamstrings.L"])
     file = Gltf(tmp_path / "out.glb")
     moves = np.linalg.norm(file.deltas("Toon")[0], axis=1)
@@ -99,7 +123,7 @@ def test_a_sleeve_is_lifted_that_has_enough_of_the_arm(part: float, node: str, t
     primitive = {"attributes": attributes, "indices": asset.accessor(triangles.reshape(-1), "u2")}
     mesh = asset.append("meshes", {"primitives": [primitive]})
     asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "sleeve", "mesh": mesh, "skin": 0}))
-    found = wrinklecli.suggest(asset.write(tmp_path / "worn.glb"), muscles=True)
+    found = wrinklecli.suggest(asset.write(tmp_path / "worn.glb"), muscles=True, range_of_motion=True)
     assert share < 1.0
     assert {each.muscle.name: each.muscle.node for each in found.muscles}["biceps.L"] == node
 
@@ -109,7 +133,7 @@ def test_a_sleeve_is_lifted_that_has_enough_of_the_arm(part: float, node: str, t
 def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
     """The outermost of several meshes round a bone is what one sees; the arm in it says how thick a muscle is."""
     asset = avatar().write(tmp_path / "avatar.glb")
-    muscles = {each.muscle.name: each for each in wrinklecli.suggest(asset, muscles=True).muscles}
+    muscles = {each.muscle.name: each for each in wrinklecli.suggest(asset, muscles=True, range_of_motion=True).muscles}
     biceps, quadriceps = muscles["biceps.L"], muscles["quadriceps.L"]
     assert biceps.muscle.node != quadriceps.muscle.node
     body = "mesh_0"
@@ -122,7 +146,7 @@ def test_muscles_below_clothes_lift_the_clothes(tmp_path: Path) -> None:
 def test_guessed_muscles_are_no_lumps(tmp_path: Path) -> None:
     """A squat moves the skin over the hamstrings by less than a third of the way to the bone."""
     asset = dressed().write(tmp_path / "dressed.glb")
-    found = wrinklecli.suggest(asset, muscles=True)
+    found = wrinklecli.suggest(asset, muscles=True, range_of_motion=True)
     (tmp_path / "muscles.yaml").write_text(found.text)
     for muscle in check(asset, tmp_path / "muscles.yaml").data["muscles"]:
         for clip in muscle["clips"]:
@@ -144,7 +168,8 @@ def test_the_command_prints_a_file_and_json(wrinkle: Wrinkle, tmp_path: Path) ->
     ran = wrinkle("suggest", asset, "--muscles")
     listed = yaml.safe_load(ran.out)["muscles"]
     assert ran.code == 0
-    assert [line.split()[0] for line in ran.lines] == ["muscle", *(each["name"] for each in listed)]
+    rows = [line.split()[0] for line in ran.lines if not line.startswith("note: ")]
+    assert rows == ["muscle", *(each["name"] for each in listed)]
     data = json.loads(wrinkle("suggest", asset, "--muscles", "--json").out)
     assert [each["name"] for each in data["muscles"]] == [each["name"] for each in listed]
     assert data["muscles"][0]["origin"] == listed[0]["origin"]

@@ -259,6 +259,10 @@ def _json_muscle(each: "SuggestedMuscle") -> dict[str, Any]:
         "mirror": "x" if each.mirrored else "none",
         "bone": each.bone,
         "depth": _short(each.depth),
+        "clip": each.bulging.clip,
+        "time": _short(each.bulging.time),
+        "shortening": _short(each.bulging.shortening),
+        "height": _short(each.bulging.height),
     }
 
 
@@ -316,7 +320,17 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "on a GPU"], *fields], 5
     if found.tools:
         yield _tool_rows(found.tools), 5
-    muscles = [[_sided(each.muscle.name, each.mirrored), each.bone, f"{each.depth:.3g}"] for each in found.muscles]
+    muscles = [
+        [
+            _sided(each.muscle.name, each.mirrored),
+            each.bone,
+            each.bulging.clip,
+            f"{each.bulging.time:.2f} s",
+            f"{100 * each.bulging.shortening:.0f} %",
+            f"{each.bulging.height:.2g}",
+        ]
+        for each in found.muscles
+    ]
     regions = [
         [
             _sided(each.region.name, each.mirrored),
@@ -332,7 +346,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         if each.touch.by is not None
     ]
     if muscles:
-        yield [["muscle", "along", "bone to skin"], *muscles], 1
+        yield [["muscle", "along", "clip", "at", "shortens", "moves by"], *muscles], 3
     if regions:
         yield [["region of flesh", "swings at", "radius", "bone to skin"], *regions], 3
     if touches:

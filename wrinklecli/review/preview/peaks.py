@@ -234,10 +234,14 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
 def _heights(
     weights: Mapping[int, Floats], reaches: Sequence[tuple[ShownPrimitive, Ints, Floats]], scale: float
 ) -> Floats:
-    """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node."""
+    """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node.
+
+    Weights that are rounding errors, or too small to be seen, count as 0.
+    """
+    seen = {node: np.where(np.abs(each) < VISIBLE, 0.0, each) for node, each in weights.items()}
     of_primitives = [
         scale
-        * np.linalg.norm(np.einsum("ft,tvx->fvx", weights[shown.source.rig.node][:, columns], moves), axis=2).max(
+        * np.linalg.norm(np.einsum("ft,tvx->fvx", seen[shown.source.rig.node][:, columns], moves), axis=2).max(
             axis=1, initial=0.0
         )
         for shown, columns, moves in reaches

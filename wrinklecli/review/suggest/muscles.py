@@ -1,6 +1,7 @@
 """Muscles suggested by the names of bones: where they are on a human, in proportion to each limb.
 
-They are guesses, as a rig says where bones are and no more, and the file says that they were guessed.
+They are guesses, as a rig says where bones are and no more, and the file says that they were guessed. Clips say how far
+each bulges, and one that no clip moves is left out.
 
 Source of the places: H. Gray, *Anatomy of the Human Body*, on origins and insertions, simplified to straight segments
 along one bone; ends are ratios of the bones' lengths.
@@ -9,17 +10,19 @@ along one bone; ends are ratios of the bones' lengths.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
-from wrinklecli.character.clip import read_clips
+from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.plan import attach_one
+from wrinklecli.effects.plan import attach_effects, attach_one, plan_on
+from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -30,7 +33,7 @@ from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rest import asked_positions
 from wrinklecli.tools.body import TENDONS, THICKNESS, Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile, parse_length
+from wrinklecli.tools.records import ONE_PERCENT, JointPoint, Length, Position, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
 # Distance of a muscle's line from its bone, over that of the skin: the middle of the flesh.
@@ -86,6 +89,32 @@ _MUSCLES: Mapping[str, _Place] = {
 
 
 @dataclass(frozen=True, slots=True)
+class Bulging:
+    """A muscle at the moment when it moves the skin most.
+
+    Attributes:
+        clip: The clip; empty if there is none.
+        time: Seconds of the clip.
+        shortening: Part of its length at rest by which it is shorter then; below 0 if it is stretched.
+        height: The largest move of the skin then, scene units; inwards if it is stretched.
+    """
+
+    clip: str = ""
+    time: float = 0.0
+    shortening: float = 0.0
+    height: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """The moment in words; empty without one."""
+        at = f"{printable(self.clip, 40)}, {self.time:.2f} s"
+        if not self.clip:
+            return ""
+        change = "shorter, the skin bulges" if self.shortening > 0 else "longer, the skin sinks"
+        return f"{at}: {100 * abs(self.shortening):.0f} % {change} by {self.height:.2g}"
+
+
+@dataclass(frozen=True, slots=True)
 class SuggestedMuscle:
     """A muscle that is guessed, and its entry in a tools file.
 
@@ -94,12 +123,14 @@ class SuggestedMuscle:
         mirrored: True if the other side has the same.
         bone: The name of the bone that it lies along.
         depth: Distance from that bone to the skin above, scene units.
+        bulging: What the clips do to it, or to its mirror image if they move that more.
     """
 
     muscle: Muscle
     mirrored: bool
     bone: str
     depth: float
+    bulging: Bulging
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -131,39 +162,51 @@ class _Limb:
 
 
 def suggest_muscles(
-    document: Document, nodes: Mapping[int, str | None]
+    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
 ) -> tuple[list[SuggestedMuscle], list[str], str]:
-    """Suggest muscles where the rig names the bones of arms and legs.
+    """Suggest muscles where the rig names the bones of arms and legs, and clips move them.
 
     Args:
         document: The asset.
         nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        clips: Motions of the asset; without any, muscles that nothing moves are suggested too.
+        fps: Frames a second at which these are looked at.
 
     Returns:
-        The muscles, a line for each that fits no mesh, and why there are none.
+        The muscles, a line for each that fits no mesh or is still, and why there are none.
     """
     hierarchy, bones = read_hierarchy(document), read_bones(document)
     limbs = _limbs(hierarchy, bones)
     if not limbs:
         wanted = "upper arm and lower arm, or upper leg and lower leg, with a hand or a foot below"
         return [], [], f"no joints are named as {wanted}"
-    settings, clips = ToolsFile(path=document.path), read_clips(document)
-    neighbours = Neighbours(document)
+    settings, neighbours = ToolsFile(path=document.path), Neighbours(document)
     grounds = [read_ground(document, node, [], settings, clips, neighbours=neighbours) for node in nodes]
     found, notes = [], []
     lefts = {limb.kind: limb for limb in limbs if limb.letter == "L"}
     twins = {limb.kind for limb in limbs if limb.letter == "R" and limb.kind in lefts}
     twins = {kind for kind in twins if _mirrored(lefts[kind], limbs, hierarchy)}
+    fitted: list[tuple[SuggestedMuscle, Ground, _Limb]] = []
     for name, place in _MUSCLES.items():
-        for limb in limbs:
-            if limb.kind != place.limb or (limb.letter == "R" and limb.kind in twins):
+        for limb in (each for each in limbs if each.kind == place.limb):
+            one = _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
+            if not isinstance(one, str):
+                fitted.append((*one, limb))
+            elif limb.letter == "L" or limb.kind not in twins:
+                notes.append(one)
+    bulging = _measured([(each.muscle, ground) for each, ground, _ in fitted], clips, fps)
+    for each, _, limb in fitted:
+        name, most = each.muscle.name, bulging.get(each.muscle.name, Bulging())
+        if limb.kind in twins:
+            if limb.letter == "R":
                 continue
-            fitted = _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
-            if isinstance(fitted, str):
-                notes.append(fitted)
-            else:
-                found.append(replace(fitted, mirrored=limb.kind in twins))
-    return found, notes, "" if found else "no mesh has skin around the bones of arms and legs"
+            most = max(most, bulging.get(exchange_sides(name), Bulging()), key=lambda one: one.height)
+        if clips and not most.clip:
+            notes.append(f"{name}: left out, as no clip changes its length")
+        else:
+            found.append(replace(each, mirrored=limb.kind in twins, bulging=most))
+    reason = "no mesh has skin around the bones of arms and legs, or no clip bends these"
+    return found, notes, "" if found else reason
 
 
 def _limbs(hierarchy: Hierarchy, bones: Bones) -> list[_Limb]:
@@ -239,8 +282,8 @@ def _fitted(
     grounds: Sequence[Ground],
     nodes: Mapping[int, str | None],
     names: Sequence[str],
-) -> SuggestedMuscle | str:
-    """A muscle on the outermost of the meshes round its bone, or the line that says why it fits none.
+) -> tuple[SuggestedMuscle, Ground] | str:
+    """A muscle on the outermost of the meshes round its bone, and that mesh; or the line that says why it fits none.
 
     It is as deep as the innermost mesh leaves room: a sleeve hides the arm whose muscles lift it.
     """
@@ -270,7 +313,28 @@ def _fitted(
     except WrinkleError as error:
         return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
     room = found.room(outermost)
-    return SuggestedMuscle(replace(muscle, thickness=Length(THICKNESS * room)), False, names[found.node], room)
+    muscle = replace(muscle, thickness=Length(THICKNESS * room))
+    return SuggestedMuscle(muscle, False, names[found.node], room, Bulging()), outermost
+
+
+def _measured(fitted: Sequence[tuple[Muscle, Ground]], clips: Sequence[Clip], fps: float) -> dict[str, Bulging]:
+    """The moment of clips at which each muscle moves the skin most, by its name; those that never do are left out."""
+    found: dict[str, Bulging] = {}
+    for ground in dict.fromkeys(ground for _, ground in fitted):
+        settings = ToolsFile(path=ground.document.path)
+        plan = plan_on(
+            *attach_effects(ground, [each for each, on in fitted if on is ground], settings), settings, ONE_PERCENT
+        )
+        for part, clip in product(plan.parts, clips):
+            segment, name = part.attached.segment, part.attached.tool.name
+            if segment is None or clip.nodes.isdisjoint(part.drive.nodes):
+                continue
+            facts = part.facts_in(plan, seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=fps)))
+            if facts["height"] > found.get(name, Bulging()).height:
+                lengths = segment.lengths(plan.rig, clip, np.array([facts["time"]]))
+                shortening = 1.0 - float(lengths.distances[0] / lengths.rest_lengths[0])
+                found[name] = Bulging(clip.name, facts["time"], shortening, facts["height"])
+    return found
 
 
 def _share(ground: Ground, joint: int) -> float:
@@ -324,8 +388,8 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
     """A tools file of suggested muscles, which says that they are guesses."""
     lines = [
         f"# Muscles for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --muscles` guesses them",
-        "# by the names of bones and the thickness of limbs. Nothing has been measured in motion: look at each in a",
-        "# preview, move its ends, make it thicker or thinner, or delete it. `activation` flexes it by hand.",
+        "# by the names of bones and the thickness of limbs. Look at each in a preview, move its ends, make it thicker",
+        "# or thinner, or delete it. `activation` flexes it by hand.",
         "version: 1",
         "",
         "muscles:",
@@ -341,6 +405,7 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
             "tendon": f"{muscle.tendon.value:.3g}%" if muscle.tendon != parse_length(TENDONS) else None,
             "thickness": f"{muscle.thickness.value:.3g}   # a guess: skin and bone are {each.depth:.3g} apart",
         }
+        lines += [f"  # {each.bulging.words}"] if each.bulging.words else []
         lines += entry(muscle.name, keys)
     return "\n".join(lines) + "\n"
 

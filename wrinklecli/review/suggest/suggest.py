@@ -116,10 +116,6 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        if options.muscles:
-            muscles, left_out, reason = suggest_muscles(document, nodes)
-            text = muscles_text(muscles, document) if muscles else ""
-            return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), muscles=tuple(muscles))
         if options.flesh:
             regions, left_out, reason = suggest_flesh(document, nodes)
             text = flesh_text(regions, document) if regions else ""
@@ -133,6 +129,12 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
             text = touches_text(touches, document) if touches else ""
             inputs = (*files_of(document), *joined.beside)
             return Suggestions((), text, reason, (*notes, *left_out), inputs, touches=tuple(touches))
+        if options.muscles:
+            chosen_ones = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
+            muscles, left_out, reason = suggest_muscles(document, nodes, chosen_ones, fps=options.fps)
+            text = muscles_text(muscles, document) if muscles else ""
+            inputs = (*files_of(document), *joined.beside)
+            return Suggestions((), text, reason, (*notes, *left_out), inputs, muscles=tuple(muscles))
         budget = math.inf if options.everything else float(options.budget)
         if options.face:
             of_face = suggest_face(document, nodes, joined.clips)
