@@ -12,6 +12,7 @@ from kit.characters import avatar, cartoon, dressed
 from kit.command import Wrinkle
 from kit.limb import limb
 from kit.suggested import each_once, suggest_once
+from wrinklecli.review.check import check
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +38,19 @@ def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Pat
     (tmp_path / "flesh.yaml").write_text(found.text)
     report = wrinklecli.bake(person, tmp_path / "flesh.yaml", tmp_path / "out.glb", draft=True)
     assert len(report.data["flesh"]) == 7
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_region_says_how_far_a_clip_swings_it(person: Path, tmp_path: Path) -> None:
+    """As far as a bake of it, which has more shapes."""
+    found = suggest_once(person, flesh=True)
+    (tmp_path / "flesh.yaml").write_text(found.text)
+    listed = {each["name"]: each["clips"] for each in check(person, tmp_path / "flesh.yaml").data["flesh"]}
+    for each in found.flesh:
+        sides = [each.region.name, each.region.name.replace(".L", ".R")]
+        moved = max(clip["largest_move"] for name in sides for clip in listed[name])
+        assert each.move.height == pytest.approx(moved, rel=0.15)
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ def test_muscles_that_no_clip_moves_are_left_out(tmp_path: Path) -> None:
     found = wrinklecli.suggest(tubes().write(tmp_path / "tubes.glb"), muscles=True)
     assert [each.muscle.name for each in found.muscles] == [f"{name}.L" for name in NAMES[:3]]
     assert list(found.notes) == [f"{name}.L: left out, as no clip changes its length" for name in NAMES[3:]]
-    biceps, triceps, _ = (each.bulging for each in found.muscles)
+    biceps, triceps, _ = (each.move for each in found.muscles)
     assert biceps.shortening > 0.1
     assert biceps.height > 0.005
     assert abs(triceps.height) < biceps.height / 4.0
@@ -86,7 +86,7 @@ def test_what_a_clip_does_to_a_muscle_is_what_check_says(tmp_path: Path) -> None
     for each in found.muscles:
         names = [each.muscle.name, *([each.muscle.name[:-1] + "R"] if each.mirrored else [])]
         moves = [end for name in names for clip in checked[name] for end in clip["bulge"]]
-        assert each.bulging.height == pytest.approx(max(map(abs, moves)), rel=0.1)
+        assert each.move.height == pytest.approx(max(map(abs, moves)), rel=0.1)
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
     from wrinklecli.review.suggest.flesh import SuggestedFlesh
     from wrinklecli.review.suggest.garments import SuggestedField
+    from wrinklecli.review.suggest.moves import Move
     from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.suggest import Suggestions
     from wrinklecli.review.suggest.touches import SuggestedTouch
@@ -259,10 +260,10 @@ def _json_muscle(each: "SuggestedMuscle") -> dict[str, Any]:
         "mirror": "x" if each.mirrored else "none",
         "bone": each.bone,
         "depth": _short(each.depth),
-        "clip": each.bulging.clip,
-        "time": _short(each.bulging.time),
-        "shortening": _short(each.bulging.shortening),
-        "height": _short(each.bulging.height),
+        "clip": each.move.clip,
+        "time": _short(each.move.time),
+        "shortening": _short(each.move.shortening),
+        "height": _short(each.move.height),
     }
 
 
@@ -276,6 +277,9 @@ def _json_region(each: "SuggestedFlesh") -> dict[str, Any]:
         "mirror": "x" if each.mirrored else "none",
         "frequency": region.frequency,
         "depth": _short(each.depth),
+        "clip": each.move.clip,
+        "time": _short(each.move.time),
+        "height": _short(each.move.height),
     }
 
 
@@ -324,19 +328,19 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         [
             _sided(each.muscle.name, each.mirrored),
             each.bone,
-            each.bulging.clip,
-            f"{each.bulging.time:.2f} s",
-            f"{100 * each.bulging.shortening:.0f} %",
-            f"{each.bulging.height:.2g}",
+            *_moment(each.move),
+            f"{100 * each.move.shortening:.0f} %",
+            f"{each.move.height:.2g}",
         ]
         for each in found.muscles
     ]
     regions = [
         [
             _sided(each.region.name, each.mirrored),
+            *_moment(each.move),
             f"{each.region.frequency:g} Hz",
             f"{each.region.radius:.3g}",
-            f"{each.depth:.3g}",
+            f"{each.move.height:.2g}",
         ]
         for each in found.flesh
     ]
@@ -348,9 +352,13 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
     if muscles:
         yield [["muscle", "along", "clip", "at", "shortens", "moves by"], *muscles], 3
     if regions:
-        yield [["region of flesh", "swings at", "radius", "bone to skin"], *regions], 3
+        yield [["region of flesh", "clip", "at", "swings at", "radius", "moves by"], *regions], 4
     if touches:
         yield [["touch", "by", "clip", "from", "slides by"], *touches], 2
+
+
+def _moment(move: "Move") -> tuple[str, str]:
+    return move.clip, f"{move.time:.2f} s" if move.clip else ""
 
 
 def _sided(name: str, mirrored: bool) -> str:

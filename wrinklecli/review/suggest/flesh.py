@@ -13,16 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.bones import forwards_of, read_bones
-from wrinklecli.character.clip import read_clips
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import read_hierarchy
 from wrinklecli.choices import Part
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along
+from wrinklecli.review.suggest.moves import STILL, Move, greatest_moves, move_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh
@@ -85,24 +87,30 @@ class SuggestedFlesh:
         region: The region; its side is the left one if `mirrored`.
         mirrored: True if the other side has the same.
         depth: Distance from the bone to the skin, scene units.
+        move: What the clips do to it, or to its mirror image if they move that more.
     """
 
     region: Flesh
     mirrored: bool
     depth: float
+    move: Move = STILL
 
 
-def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[list[SuggestedFlesh], list[str], str]:
+def suggest_flesh(
+    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
+) -> tuple[list[SuggestedFlesh], list[str], str]:
     """Suggest regions of flesh where the rig names bones, and the skin is thick.
 
     Args:
         document: The asset.
         nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        clips: Motions of the asset, which may be none.
+        fps: Frames a second at which these are looked at.
 
     Returns:
         The regions, a line for each that fits no mesh, and why there are none.
     """
-    settings, clips = ToolsFile(path=document.path), read_clips(document)
+    settings = ToolsFile(path=document.path)
     grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
     if not grounds:
         return [], [], "no mesh deforms"
@@ -117,6 +125,7 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
     clothes = {names[node] for node in nodes if counts[names[node]] == 1}
     found: list[SuggestedFlesh] = []
     notes: list[str] = []
+    kept: list[tuple[Ground, AnyAttached]] = []
     for name, spot in _SPOTS.items():
         ways = {letter: _way(*ray, grounds) for letter, ray in frame.sides(spot).items()}
         thick = max((depth for depth, _, _ in ways.values() if depth < np.inf), default=0.0)
@@ -130,16 +139,21 @@ def suggest_flesh(document: Document, nodes: Mapping[int, str | None]) -> tuple[
             _fitted(f"{name}.{letter}" if letter else name, spot, *way, size, nodes, clothes)
             for letter, way in ways.items()
         ]
-        fitted = [each for each in regions if isinstance(each, SuggestedFlesh)]
+        fitted = [each[0] for each in regions if not isinstance(each, str)]
         notes += [each for each in regions if isinstance(each, str)]
         if len(fitted) < len(regions) == 2:
             # Flesh on one side alone looks like a fault.
             notes += [f"{each.region.name}: left out, as the other side is" for each in fitted]
             continue
+        kept += [
+            (way[2], each[1]) for way, each in zip(ways.values(), regions, strict=True) if not isinstance(each, str)
+        ]
         if len(fitted) == 2 and _mirrored(fitted[0], fitted[1], size):
-            found.append(SuggestedFlesh(fitted[0].region, True, fitted[0].depth))
+            found.append(replace(fitted[0], mirrored=True))
         else:
             found += fitted
+    moves = greatest_moves(kept, clips, fps=fps)
+    found = [replace(each, move=move_of(each.region.name, moves, mirrored=each.mirrored)) for each in found]
     return found, notes, "" if found else "nowhere is the skin far enough from the bones, and its mesh fine enough"
 
 
@@ -213,7 +227,7 @@ def _fitted(
     size: float,
     nodes: Mapping[int, str | None],
     clothes: Container[str],
-) -> SuggestedFlesh | str:
+) -> tuple[SuggestedFlesh, AnyAttached] | str:
     """A region where a ray meets the skin, with clothes over it by name, or the line that says why there is none."""
     if not _OWN * size < depth < np.inf:
         return f"{called}: left out, as there is no skin where it would be"
@@ -241,7 +255,7 @@ def _fitted(
         )
     # What lies over a face, such as glasses or hair, does not move with it.
     worn = () if "crown" in spot.between else tuple(each for each in attached.covers if each in clothes)
-    return SuggestedFlesh(replace(region, meshes=worn), False, depth)
+    return SuggestedFlesh(replace(region, meshes=worn), False, depth), attached
 
 
 def _mirrored(left: SuggestedFlesh, right: SuggestedFlesh, size: float) -> bool:
@@ -256,8 +270,8 @@ def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
     """A tools file of suggested regions, which says that they are guesses."""
     lines = [
         f"# Flesh for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --flesh` guesses it by the",
-        "# names of bones and the thickness of the body. Nothing has been measured in motion: look at each in a",
-        "# preview, make it softer (a lower frequency), let it swing further (a higher limit), or delete it.",
+        "# names of bones and the thickness of the body. Look at each in a preview, make it softer (a lower",
+        "# frequency), let it swing further (a higher limit), or delete it.",
         "version: 1",
         "",
         "flesh:",
@@ -274,5 +288,6 @@ def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
             "limit": f"{_LIMIT:.12g}%",
             "meshes": f"[{', '.join(map(quoted, region.meshes))}]   # over it" if region.meshes else None,
         }
+        lines += [f"  # {each.move.moment}: moves by {each.move.height:.2g}"] if each.move.clip else []
         lines += entry(region.name, keys)
     return "\n".join(lines) + "\n"

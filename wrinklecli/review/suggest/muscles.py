@@ -10,30 +10,30 @@ along one bone; ends are ratios of the bones' lengths.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
-from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.plan import attach_effects, attach_one, plan_on
-from wrinklecli.effects.sampling import seen_at
+from wrinklecli.effects.attached import AnyAttached
+from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
+from wrinklecli.review.suggest.moves import STILL, Move, greatest_moves, move_of
 from wrinklecli.review.suggest.text import entry, quoted
 from wrinklecli.surface.bones import BoneLines, SideOfBone
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rest import asked_positions
 from wrinklecli.tools.body import TENDONS, THICKNESS, Muscle
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import ONE_PERCENT, JointPoint, Length, Position, ToolsFile, parse_length
+from wrinklecli.tools.records import JointPoint, Length, Position, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
 # Distance of a muscle's line from its bone, over that of the skin: the middle of the flesh.
@@ -89,32 +89,6 @@ _MUSCLES: Mapping[str, _Place] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Bulging:
-    """A muscle at the moment when it moves the skin most.
-
-    Attributes:
-        clip: The clip; empty if there is none.
-        time: Seconds of the clip.
-        shortening: Part of its length at rest by which it is shorter then; below 0 if it is stretched.
-        height: The largest move of the skin then, scene units; inwards if it is stretched.
-    """
-
-    clip: str = ""
-    time: float = 0.0
-    shortening: float = 0.0
-    height: float = 0.0
-
-    @property
-    def words(self) -> str:
-        """The moment in words; empty without one."""
-        at = f"{printable(self.clip, 40)}, {self.time:.2f} s"
-        if not self.clip:
-            return ""
-        change = "shorter, the skin bulges" if self.shortening > 0 else "longer, the skin sinks"
-        return f"{at}: {100 * abs(self.shortening):.0f} % {change} by {self.height:.2g}"
-
-
-@dataclass(frozen=True, slots=True)
 class SuggestedMuscle:
     """A muscle that is guessed, and its entry in a tools file.
 
@@ -123,14 +97,14 @@ class SuggestedMuscle:
         mirrored: True if the other side has the same.
         bone: The name of the bone that it lies along.
         depth: Distance from that bone to the skin above, scene units.
-        bulging: What the clips do to it, or to its mirror image if they move that more.
+        move: What the clips do to it, or to its mirror image if they move that more.
     """
 
     muscle: Muscle
     mirrored: bool
     bone: str
     depth: float
-    bulging: Bulging
+    move: Move
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -186,7 +160,7 @@ def suggest_muscles(
     lefts = {limb.kind: limb for limb in limbs if limb.letter == "L"}
     twins = {limb.kind for limb in limbs if limb.letter == "R" and limb.kind in lefts}
     twins = {kind for kind in twins if _mirrored(lefts[kind], limbs, hierarchy)}
-    fitted: list[tuple[SuggestedMuscle, Ground, _Limb]] = []
+    fitted: list[tuple[SuggestedMuscle, Ground, AnyAttached, _Limb]] = []
     for name, place in _MUSCLES.items():
         for limb in (each for each in limbs if each.kind == place.limb):
             one = _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
@@ -194,17 +168,16 @@ def suggest_muscles(
                 fitted.append((*one, limb))
             elif limb.letter == "L" or limb.kind not in twins:
                 notes.append(one)
-    bulging = _measured([(each.muscle, ground) for each, ground, _ in fitted], clips, fps)
-    for each, _, limb in fitted:
-        name, most = each.muscle.name, bulging.get(each.muscle.name, Bulging())
-        if limb.kind in twins:
-            if limb.letter == "R":
-                continue
-            most = max(most, bulging.get(exchange_sides(name), Bulging()), key=lambda one: one.height)
-        if clips and not most.clip:
-            notes.append(f"{name}: left out, as no clip changes its length")
-        else:
-            found.append(replace(each, mirrored=limb.kind in twins, bulging=most))
+    moves = greatest_moves([(ground, attached) for _, ground, attached, _ in fitted], clips, fps=fps)
+    for each, _, _, limb in fitted:
+        paired = limb.kind in twins
+        move = move_of(each.muscle.name, moves, mirrored=paired)
+        if clips and move is STILL:
+            notes += [f"{each.muscle.name}: left out, as no clip changes its length"] * (
+                not paired or limb.letter == "L"
+            )
+        elif not paired or limb.letter == "L":
+            found.append(replace(each, mirrored=paired, move=move))
     reason = "no mesh has skin around the bones of arms and legs, or no clip bends these"
     return found, notes, "" if found else reason
 
@@ -282,8 +255,8 @@ def _fitted(
     grounds: Sequence[Ground],
     nodes: Mapping[int, str | None],
     names: Sequence[str],
-) -> tuple[SuggestedMuscle, Ground] | str:
-    """A muscle on the outermost of the meshes round its bone, and that mesh; or the line that says why it fits none.
+) -> tuple[SuggestedMuscle, Ground, AnyAttached] | str:
+    """A muscle on the outermost of the meshes round its bone, with that mesh; or the line that says why it fits none.
 
     It is as deep as the innermost mesh leaves room: a sleeve hides the arm whose muscles lift it.
     """
@@ -309,32 +282,12 @@ def _fitted(
     outermost = meshes[outer]
     try:
         deep = _DEEP * layers[outer].room(outermost)
-        muscle, found = _attached(name, place, limb, deep, outermost, nodes, names)
+        muscle, found, attached = _attached(name, place, limb, deep, outermost, nodes, names)
     except WrinkleError as error:
         return f"{name}: left out: {error.lines[0].removeprefix(f'{outermost.document.path}: ')}"
     room = found.room(outermost)
     muscle = replace(muscle, thickness=Length(THICKNESS * room))
-    return SuggestedMuscle(muscle, False, names[found.node], room, Bulging()), outermost
-
-
-def _measured(fitted: Sequence[tuple[Muscle, Ground]], clips: Sequence[Clip], fps: float) -> dict[str, Bulging]:
-    """The moment of clips at which each muscle moves the skin most, by its name; those that never do are left out."""
-    found: dict[str, Bulging] = {}
-    for ground in dict.fromkeys(ground for _, ground in fitted):
-        settings = ToolsFile(path=ground.document.path)
-        plan = plan_on(
-            *attach_effects(ground, [each for each, on in fitted if on is ground], settings), settings, ONE_PERCENT
-        )
-        for part, clip in product(plan.parts, clips):
-            segment, name = part.attached.segment, part.attached.tool.name
-            if segment is None or clip.nodes.isdisjoint(part.drive.nodes):
-                continue
-            facts = part.facts_in(plan, seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=fps)))
-            if facts["height"] > found.get(name, Bulging()).height:
-                lengths = segment.lengths(plan.rig, clip, np.array([facts["time"]]))
-                shortening = 1.0 - float(lengths.distances[0] / lengths.rest_lengths[0])
-                found[name] = Bulging(clip.name, facts["time"], shortening, facts["height"])
-    return found
+    return SuggestedMuscle(muscle, False, names[found.node], room, STILL), outermost, attached
 
 
 def _share(ground: Ground, joint: int) -> float:
@@ -353,8 +306,8 @@ def _attached(
     ground: Ground,
     nodes: Mapping[int, str | None],
     names: Sequence[str],
-) -> tuple[Muscle, SideOfBone]:
-    """A muscle whose line is some scene units beside its bone, and the side of the bone on which it lies.
+) -> tuple[Muscle, SideOfBone, AnyAttached]:
+    """A muscle whose line is some scene units beside its bone, the side of the bone on which it lies, and it attached.
 
     Raises:
         WrinkleError: It does not fit.
@@ -372,9 +325,9 @@ def _attached(
     )
     if place.tendons is not None:
         muscle = replace(muscle, tendon=Length(place.tendons, percent=True))
-    attach_one(muscle, ground)
+    attached = attach_one(muscle, ground)
     ends = asked_positions(ground.rig, ground.rest.clip, ground.rest.time, muscle)
-    return muscle, BoneLines.of(ground).side_of(ground, ends.mean(axis=0), ends[1] - ends[0])
+    return muscle, BoneLines.of(ground).side_of(ground, ends.mean(axis=0), ends[1] - ends[0]), attached
 
 
 def _rounded(offset: Floats) -> tuple[float, float, float]:
@@ -405,7 +358,10 @@ def muscles_text(muscles: Sequence[SuggestedMuscle], document: Document) -> str:
             "tendon": f"{muscle.tendon.value:.3g}%" if muscle.tendon != parse_length(TENDONS) else None,
             "thickness": f"{muscle.thickness.value:.3g}   # a guess: skin and bone are {each.depth:.3g} apart",
         }
-        lines += [f"  # {each.bulging.words}"] if each.bulging.words else []
+        if each.move is not STILL:
+            change = "shorter, the skin bulges" if each.move.shortening > 0 else "longer, the skin sinks"
+            share = f"{100 * abs(each.move.shortening):.0f} %"
+            lines.append(f"  # {each.move.moment}: {share} {change} by {each.move.height:.2g}")
         lines += entry(muscle.name, keys)
     return "\n".join(lines) + "\n"
 

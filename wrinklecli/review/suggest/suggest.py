@@ -116,11 +116,8 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         memory = Memory(options.max_memory)
         document = read_document(asset, allow_external=options.allow_external, memory=memory)
         nodes, notes = find_mesh_nodes(document, options)
-        if options.flesh:
-            regions, left_out, reason = suggest_flesh(document, nodes)
-            text = flesh_text(regions, document) if regions else ""
-            return Suggestions((), text, reason, (*notes, *left_out), tuple(files_of(document)), flesh=tuple(regions))
-        in_range = False if options.touch else options.range_of_motion or None
+        # What swings and what is touched does so in whole motions alone.
+        in_range = False if options.touch or options.flesh else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
         document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
@@ -129,11 +126,15 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
             text = touches_text(touches, document) if touches else ""
             inputs = (*files_of(document), *joined.beside)
             return Suggestions((), text, reason, (*notes, *left_out), inputs, touches=tuple(touches))
-        if options.muscles:
-            chosen_ones = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
-            muscles, left_out, reason = suggest_muscles(document, nodes, chosen_ones, fps=options.fps)
-            text = muscles_text(muscles, document) if muscles else ""
+        if options.muscles or options.flesh:
+            played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
             inputs = (*files_of(document), *joined.beside)
+            if options.flesh:
+                regions, left_out, reason = suggest_flesh(document, nodes, played, fps=options.fps)
+                text = flesh_text(regions, document) if regions else ""
+                return Suggestions((), text, reason, (*notes, *left_out), inputs, flesh=tuple(regions))
+            muscles, left_out, reason = suggest_muscles(document, nodes, played, fps=options.fps)
+            text = muscles_text(muscles, document) if muscles else ""
             return Suggestions((), text, reason, (*notes, *left_out), inputs, muscles=tuple(muscles))
         budget = math.inf if options.everything else float(options.budget)
         if options.face:
