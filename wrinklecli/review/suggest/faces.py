@@ -15,6 +15,7 @@ from wrinklecli.character.motion import motion_clip, raising, turning
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
+from wrinklecli.choices import Part
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -41,16 +42,16 @@ from wrinklecli.review.suggest.face_targets import (
     Side,
     read_face_targets,
 )
-from wrinklecli.review.suggest.fitted_tools import FULL_BY_WEIGHT, LEAST_BY_MORPH, Suggestion
-from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of
+from wrinklecli.review.suggest.fitted_tools import LEAST_BY_MORPH, Suggestion, suggestion_of
+from wrinklecli.review.suggest.measure import ground_of
 from wrinklecli.review.suggest.place_names import PlaceName
-from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.shortening import attached, attached_and_folded, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
 from wrinklecli.surface.sites import at_sites, spread_sites
 from wrinklecli.surface.strain import along_directions, principal, strain, unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import usual_bumps
-from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import Length, WrinkleTool
 
 # Part of a summit's loss at which its region ends, as for folds of joints.
 _REGION_LOSS = 0.5
@@ -191,7 +192,16 @@ def _fit(
     ends = _within(face, ends, _longest(face, region))
     driver = together.name if face.targets else region.name
     candidate = Candidate(
-        mesh, compressed, together, 1.0, *ends, 1.0, "skin", driver=driver, by_morph=bool(face.targets)
+        mesh,
+        compressed,
+        together,
+        1.0,
+        *ends,
+        float(compressed.weights.sum()),
+        "skin",
+        driver=driver,
+        by_morph=bool(face.targets),
+        place=PlaceName(region.title.removeprefix("the ")),
     )
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
@@ -320,31 +330,17 @@ def _fit_tool(
     patches = _placed(face, region, candidate, side)
     if patches is None:
         return f"there is no room for it where {name} compresses the skin"
-    shortenings = [shortenings_of(mesh, patch) for patch in patches]
-    if greatest(shortenings[0]).ratio < LEAST_BY_MORPH and region.middle and name in mesh.rig.morph_names:
-        patches, shortenings = _by_weight(mesh, patches, shortenings, name)
-    best = greatest(shortenings[0])
-    if best.ratio < (LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS):
-        return f"{best.clip.name} hardly shortens the skin there"
+    by_weight = name if region.middle and name in mesh.rig.morph_names else ""
+    least = LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS
+    folded = attached_and_folded(mesh, [each.tool for each in patches], least, by_weight)
+    if folded is None:
+        return f"{name} hardly shortens the skin there"
+    patches, shortenings = folded
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
     made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT if candidate.by_morph else None)
-    return Suggestion(
-        tool=made[0],
-        mirrored=len(made) == 2,
-        mesh=mesh.rig.names[mesh.rig.node],
-        driver=name,
-        by_morph=candidate.by_morph,
-        part=None if candidate.by_morph else "neck",
-        place=PlaceName(region.title.removeprefix("the ")),
-        clip=best.clip.name,
-        time=best.time,
-        span=patches[0].span,
-        clips={clip: each.distance for clip, each in shortenings[0].items()},
-        shortening=best.ratio,
-        score=float(candidate.region.weights.sum()),
-        own_profile=region.furrow,
-    )
+    part: Part | None = None if candidate.by_morph else "neck"
+    return replace(suggestion_of(candidate, patches, shortenings, made), part=part, own_profile=region.furrow)
 
 
 def _times(clip: Clip) -> Floats:
@@ -383,21 +379,6 @@ def _moved(face: Face, candidate: Candidate, by: Floats) -> Candidate:
     region = replace(candidate.region, centre=candidate.region.centre + by)
     points = np.array(between).reshape(-1, 3)
     return replace(candidate, region=region, origin=origin, between=points, target=target)
-
-
-def _by_weight(
-    mesh: MeasuredMesh, patches: list[Attached[WrinkleTool]], shortenings: list[dict[str, Shortening]], morph: str
-) -> tuple[list[Attached[WrinkleTool]], list[dict[str, Shortening]]]:
-    """Let the weight of a morph target make the wrinkles, as the skin between two brows hardly shortens itself."""
-    for full in FULL_BY_WEIGHT:
-        length = RestLengthMorph(morph, Length(full, percent=True))
-        found = attached(mesh, [replace(each.tool, rest_length=length) for each in patches])
-        if found is None:
-            break
-        patches, shortenings = found, [shortenings_of(mesh, patch) for patch in found]
-        if greatest(shortenings[0]).ratio >= LEAST_BY_MORPH:
-            break
-    return patches, shortenings
 
 
 def _drawn(region: FaceRegion, candidate: Candidate, name: str, width: float) -> WrinkleTool:

@@ -23,6 +23,7 @@ from wrinklecli.review.suggest.score import Score
 from wrinklecli.review.suggest.shortening import (
     Shortening,
     attached,
+    attached_and_folded,
     greatest,
     shortenings_of,
     with_rising_bumps,
@@ -35,7 +36,7 @@ from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
 # Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
@@ -67,9 +68,6 @@ _ABOVE = 0.5
 _LINE = (0.25, 0.5, 0.75)
 # Shortening of the left tool of a pair over the right one's below which the right one is written.
 _RESTS = 0.7
-# Per cent of its rest distance that a tool across the middle of a face has at weight 1 of its morph target; the first
-# one that shortens the tool counts. Skin between brows hardly shortens and yet has lines, so the weight makes them.
-FULL_BY_WEIGHT = (105.0, 110.0, 115.0, 120.0, 130.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,29 +243,22 @@ class _Search:
         stem = candidate.place.stem if candidate.place else stem
         # A name with a side would say that the tool is one of a pair.
         side = "" if region.on_plane else side
-        if candidate.by_morph and region.on_plane:
-            tool, lengths = (
-                tool_of(candidate, stem, width_of(candidate)),
-                (Length(x, percent=True) for x in FULL_BY_WEIGHT),
-            )
-            choices = [[replace(tool, rest_length=RestLengthMorph(driver, length))] for length in lengths]
-        else:
-            choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate))]]
+        choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate))]]
         # `mirror` would exchange the side in the node's name too.
         if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
             choices.insert(0, pair_of(candidate, stem, side))
+        by_weight = driver if candidate.by_morph and region.on_plane else ""
         for tools in choices:
-            patches = attached(mesh, renamed(tools, stem, self.names))
-            if patches is None:
+            named = renamed(tools, stem, self.names)
+            found = attached_and_folded(mesh, named, _least_shortening(candidate), by_weight)
+            if found is None:
                 continue
+            patches, shortenings = found
             if len(patches) == 2 and _overlap(patches[0].regions[0], patches[1].regions[0]):
                 if self.one_sided:
                     continue
                 return None
-            shortenings = [shortenings_of(mesh, patch) for patch in patches]
             ratios = [greatest(each).ratio for each in shortenings]
-            if max(ratios) < _least_shortening(candidate):
-                continue
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
                 patches, shortenings = patches[::-1], shortenings[::-1]
@@ -288,44 +279,54 @@ class _Search:
         shortenings: list[dict[str, Shortening]],
     ) -> _Fitted:
         """A tool, or a pair whose first one is written; `meshes` are those of the patches."""
-        mesh, driver, best = candidate.mesh, candidate.driver, greatest(shortenings[0])
         every = [
             found | shortenings_of(mesh, patch, self.further)
             for mesh, patch, found in zip(meshes, patches, shortenings, strict=True)
         ]
-        tools = with_rising_bumps(patches, every)
-        twin = greatest(shortenings[1]) if len(tools) == 2 else None
-        suggestion = Suggestion(
-            tool=tools[0],
-            mirrored=len(tools) == 2,
-            part=candidate.part,
-            place=candidate.place,
-            presets=candidate.presets,
-            mesh=mesh.rig.names[mesh.rig.node],
-            driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
-            by_morph=candidate.by_morph,
-            clip=best.clip.name,
-            time=best.time,
-            span=patches[0].span,
-            clips={name: each.distance for name, each in shortenings[0].items()},
-            shortening=best.ratio,
-            score=candidate.score,
-            substance=candidate.substance,
-            fault=candidate.fault,
-            twin_clip="" if twin is None else twin.clip.name,
-            one_sided=twin is not None and 100.0 * twin.ratio < SLACK,
-        )
+        suggestion = suggestion_of(candidate, patches, shortenings, with_rising_bumps(patches, every))
+        if len(patches) == 2:
+            twin = greatest(shortenings[1])
+            suggestion = replace(suggestion, twin_clip=twin.clip.name, one_sided=100.0 * twin.ratio < SLACK)
         usual = patches[0].tool.bump_height
         lower = [with_rising_bumps(patches, every, height=part * usual)[0] for part in _LOWER]
         others = [replace(suggestion, tool=tool) for tool in lower if tool != suggestion.tool]
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
             wide = [
-                attached(each, [replace(tool, profile=_WIDE_FURROWS)]) for each, tool in zip(meshes, tools, strict=True)
+                attached(each, [replace(patch.tool, profile=_WIDE_FURROWS)])
+                for each, patch in zip(meshes, patches, strict=True)
             ]
             if all(wide):
                 tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], every)
                 others.append(replace(suggestion, tool=tool, own_profile=True))
         return _Fitted(replace(suggestion, others=tuple(others)), patches)
+
+
+def suggestion_of(
+    candidate: Candidate,
+    patches: Sequence[Attached[WrinkleTool]],
+    shortenings: Sequence[dict[str, Shortening]],
+    tools: Sequence[WrinkleTool],
+) -> Suggestion:
+    """The suggestion of a tool, or of a pair whose first one is written, with its patches and their shortenings."""
+    mesh, best, driver = candidate.mesh, greatest(shortenings[0]), candidate.driver
+    return Suggestion(
+        tool=tools[0],
+        mirrored=len(tools) == 2,
+        part=candidate.part,
+        place=candidate.place,
+        presets=candidate.presets,
+        mesh=mesh.rig.names[mesh.rig.node],
+        driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
+        by_morph=candidate.by_morph,
+        clip=best.clip.name,
+        time=best.time,
+        span=patches[0].span,
+        clips={name: each.distance for name, each in shortenings[0].items()},
+        shortening=best.ratio,
+        score=candidate.score,
+        substance=candidate.substance,
+        fault=candidate.fault,
+    )
 
 
 def _covers(region: Region, place: Floats, normal: Floats) -> bool:

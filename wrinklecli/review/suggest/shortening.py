@@ -16,7 +16,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.tools.records import Length, WrinkleTool
+from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
 # Poses of a further clip.
 _FURTHER_POSES = 8
@@ -28,6 +28,9 @@ _SPARE = 1
 MOST_COMPRESSIBLE = 95
 # Factor by which bumps grow until `compressible` is no more than that.
 _HIGHER = 1.1
+# Per cent of its rest distance that a tool has at weight 1 of its morph target; the first one that shortens the tool
+# counts. Skin between brows hardly shortens and yet has lines, so the weight makes them.
+_FULL_BY_WEIGHT = (105.0, 110.0, 115.0, 120.0, 130.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +95,28 @@ def shortenings_of(
             clip, float(times[best]), 1.0 - float(ratios[best]), float(distances[best]), float(rest_lengths[best])
         )
     return found
+
+
+def attached_and_folded(
+    mesh: MeasuredMesh, tools: list[WrinkleTool], least: float, morph: str = ""
+) -> tuple[list[Attached[WrinkleTool]], list[dict[str, Shortening]]] | None:
+    """Attach tools and find the `shortenings_of` each; None if a bake would refuse one, or none shortens enough.
+
+    Args:
+        mesh: The mesh.
+        tools: One tool, or a pair.
+        least: Least shortening, as a part of the rest length.
+        morph: A morph target whose weight makes the wrinkles where the skin itself shortens less; empty for none.
+    """
+    fulls = (RestLengthMorph(morph, Length(full, percent=True)) for full in _FULL_BY_WEIGHT if morph)
+    for length in (None, *fulls):
+        patches = attached(mesh, [replace(each, rest_length=length) if length else each for each in tools])
+        if patches is None:
+            return None
+        shortenings = [shortenings_of(mesh, patch) for patch in patches]
+        if max(greatest(each).ratio for each in shortenings) >= least:
+            return patches, shortenings
+    return None
 
 
 def segment_of(patch: Attached[WrinkleTool]) -> Segment:
