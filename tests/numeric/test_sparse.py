@@ -24,7 +24,7 @@ def test_sparse_products_are_those_of_dense_matrices(seed, monkeypatch):
         dense.append(step)
     expected = np.concatenate([dense[0], dense[1]])
     expected = np.concatenate([expected, dense[2] @ expected])
-    found = Matrix.of_entries(*second, count + 7).below(Matrix.of_entries(*first, count).below(None))
+    found = Matrix.of_entries(*second, count + 7).below(Matrix.of_entries(*first, count).below(Matrix.identity(count)))
     assert found.shape == expected.shape
     np.testing.assert_allclose(found @ np.eye(count), expected, atol=1e-13)
     values, chosen = random.normal(size=(count, 2, 3)), np.array([3, 20, 3, 10, 0])

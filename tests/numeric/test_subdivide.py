@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.red_green import Level
-from wrinklecli.numeric.sparse import apply
 from wrinklecli.numeric.subdivide import subdivide
 
 
@@ -32,7 +31,7 @@ def chance(seed, probability, vertex_count, levels=math.inf):
     places = np.random.default_rng(seed).random((vertex_count, 1))
 
     def choose(level: Level):
-        middles = apply(level.linear, places)[level.edges, 0].mean(axis=1)
+        middles = (level.linear @ places)[level.edges, 0].mean(axis=1)
         return ((middles * 1e5) % 1.0 < probability) & (level.number < levels)
 
     return choose
@@ -352,7 +351,7 @@ def test_linear_functions_are_reproduced_inside_a_regular_grid():
     points, triangles = grid(12, 12)
 
     def wants(level):
-        middles = apply(level.linear, points)[level.edges].mean(axis=1)
+        middles = (level.linear @ points)[level.edges].mean(axis=1)
         return np.linalg.norm(middles - [6, 6, 0], axis=1) < 2
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=2)
@@ -369,7 +368,7 @@ def test_new_vertices_of_a_sphere_lie_near_it(whole, times):
     points, triangles = icosphere(times)
 
     def wants(level):
-        middles = apply(level.linear, points)[level.edges].mean(axis=1)
+        middles = (level.linear @ points)[level.edges].mean(axis=1)
         return (level.number < 1) & (whole | (middles @ [1.0, 2.0, 3.0] > 1.5))
 
     fine = subdivide(triangles, len(points), wants=wants, max_levels=3)
@@ -402,7 +401,7 @@ def test_criteria_judge_each_face_once_however_a_level_grows():
     choose, judged = chance(1, 0.2, len(points)), Counter()
 
     def wants(level):
-        rows = apply(level.linear, np.eye(len(points)))
+        rows = level.linear @ np.eye(len(points))
         judged.update((level.number, rows[face].tobytes()) for face in level.triangles)
         return choose(level)
 
@@ -434,7 +433,7 @@ def test_any_choice_of_edges_gives_a_conforming_mesh(name, seed, probability, ma
 
     def wants(level):
         chosen = chance(seed, probability, len(points))(level)
-        rows = apply(level.linear, np.eye(len(points)))[level.edges].mean(axis=1)
+        rows = (level.linear @ np.eye(len(points)))[level.edges].mean(axis=1)
         for row, want, never in zip(rows, chosen, forbids(level), strict=True):
             wanted[row.tobytes()] = (level.number, bool(want), bool(never))
         return chosen
@@ -608,7 +607,7 @@ def test_each_level_is_built_a_few_times_only():
 
     def wants(level):
         calls.append(level.number)
-        ends = apply(level.linear, points)[level.edges]
+        ends = (level.linear @ points)[level.edges]
         lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
         return np.linalg.norm(ends.mean(axis=1) - [5.31, 6.17, 0], axis=1) < 0.75 * lengths
 
@@ -626,7 +625,7 @@ def test_a_split_that_cannot_be_leaves_no_trace(name, seed, probability, forbidd
     present = set(places(fine, count)[count:])
 
     def wants_what_can_be(level):
-        middles = apply(level.linear, np.eye(count))[level.edges].mean(axis=1)
+        middles = (level.linear @ np.eye(count))[level.edges].mean(axis=1)
         can_be = [tuple((int(v), float(row[v])) for v in np.flatnonzero(row)) in present for row in middles]
         return wants(level) & np.array(can_be, dtype=bool)
 
@@ -715,7 +714,7 @@ def test_only_splits_that_show_or_that_finer_ones_need_are_left(name, seed, prob
     shown = set()
 
     def shows(level):
-        shares, flags = apply(level.linear, np.eye(count)), choice(level)
+        shares, flags = (level.linear @ np.eye(count)), choice(level)
         middles = shares[level.edges[flags]].mean(axis=1)
         shown.update(tuple((int(v), float(row[v])) for v in np.flatnonzero(row)) for row in middles)
         return flags

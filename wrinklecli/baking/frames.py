@@ -48,7 +48,7 @@ def pose_frames(document: Document, mesh: BakedMesh, motion: Motion) -> Iterator
     base = _joined([base_normals(document, *pair, fine) for pair in pairs], refined_primitives)
     old_deltas = np.concatenate([_normal_deltas(document, *pair) for pair in pairs], axis=1)
     tangents = _joined([_tangents(document, *pair) for pair in pairs], refined_primitives)
-    weights = fine.influences(len(rig.joints)).at(welds)
+    weights = fine.influences(len(rig.joints), welds)
     targets = targets_of(mesh.effects)
     shapes = np.zeros((len(targets), *fine.positions.shape))
     for into, target in zip(shapes, targets, strict=True):

@@ -239,7 +239,7 @@ def read_back(edited: EditedDocument, plan: MeshPlan, effects: Sequence[Effect])
             shapes.append(SparseDeltas(own, shape.deltas[numbers]))
             if each.projected is None:
                 errors[own] = np.maximum(errors[own], each.error)
-    exact = fine.influences(len(plan.rig.joints)).at(vertices)
+    exact = fine.influences(len(plan.rig.joints), vertices)
     joints = distinct_values(np.concatenate([exact.acting, stored_weights.acting]))
     bodies = (
         prepare(exact.among(joints), fine.positions[vertices], fine.morph_deltas[:old, vertices]),

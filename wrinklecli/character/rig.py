@@ -248,7 +248,7 @@ def _read_skin(document: Document, index: int) -> tuple[Ints, Floats]:
 def in_range(values: Floats) -> bool:
     """True if all numbers are finite and no larger than `LARGEST`."""
     with np.errstate(invalid="ignore"):
-        return bool((np.abs(values) <= LARGEST).all())
+        return bool(values.min(initial=0.0) >= -LARGEST and values.max(initial=0.0) <= LARGEST)
 
 
 def _stored_local(node: Json) -> dict[str, Floats]:

@@ -16,20 +16,15 @@ from wrinklecli.character.skin import Influences, SkinnedMesh, skinned_mesh
 from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document
+from wrinklecli.gltf.document import EVERY, TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Rows
 from wrinklecli.gltf.draco import EXTENSION
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flags_of
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flags_of, joined
 
 # Bytes of a morph target's delta of a vertex, three float64.
 _DELTA_BYTES = 24
 # Most sets of four joints of a vertex: several may be one accessor, so that a small file could ask for any memory.
 _MOST_SETS = 16
-
-Rows = Ints | slice
-"""The numbers of the vertices of a primitive that are read."""
-
-_ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -93,7 +88,7 @@ def read_surface(document: Document, rig: Rig) -> Surface:
     """
     vertices = read_vertices(document, rig)
     parts = _triangle_parts(document, rig, vertices)
-    corners = np.concatenate(parts)
+    corners = joined(parts)
     if not len(corners):
         raise AssetError("has no triangles", where=document.where("meshes", rig.mesh))
     welded = weld(vertices.positions, vertices.morph_deltas, vertices.joints, vertices.weights, vertices.seen(corners))
@@ -161,7 +156,7 @@ def read_vertices(
     where = document.where("meshes", rig.mesh)
     if not primitives:
         raise AssetError("has no primitives", where=where)
-    rows: Mapping[int, Rows] = dict.fromkeys(range(len(primitives)), _ALL) if chosen is None else chosen
+    rows: Mapping[int, Rows] = dict.fromkeys(range(len(primitives)), EVERY) if chosen is None else chosen
     parts = [
         read_primitive(document, primitives[number], rig, f"{where}/primitives/{number}", targets=targets, rows=each)
         for number, each in rows.items()
@@ -169,24 +164,24 @@ def read_vertices(
     most = max(part.joints.shape[1] for part in parts)
 
     def padded(rows: Array) -> Array:
-        return np.pad(rows, ((0, 0), (0, most - rows.shape[1])))
+        return rows if rows.shape[1] == most else np.pad(rows, ((0, 0), (0, most - rows.shape[1])))
 
     normals = [part.normals for part in parts if part.normals is not None]
     deltas = [part.normal_deltas for part in parts if part.normal_deltas is not None]
     complete = len(normals) == len(parts)
     return Vertices(
         starts=np.cumsum([0] + [len(part.positions) for part in parts]),
-        positions=np.concatenate([part.positions for part in parts]),
-        morph_deltas=np.concatenate([part.morph_deltas for part in parts], axis=1),
-        joints=np.concatenate([padded(part.joints) for part in parts]),
-        weights=np.concatenate([padded(part.weights) for part in parts]),
-        normals=np.concatenate(normals) if complete else None,
-        normal_deltas=np.concatenate(deltas, axis=1) if complete else None,
+        positions=joined([part.positions for part in parts]),
+        morph_deltas=joined([part.morph_deltas for part in parts], axis=1),
+        joints=joined([padded(part.joints) for part in parts]),
+        weights=joined([padded(part.weights) for part in parts]),
+        normals=joined(normals) if complete else None,
+        normal_deltas=joined(deltas, axis=1) if complete else None,
     )
 
 
 def read_primitive(
-    document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None, rows: Rows = _ALL
+    document: Document, primitive: Json, rig: Rig, where: str, *, targets: int | None = None, rows: Rows = EVERY
 ) -> Vertices:
     """Read the vertices of one primitive of a rig's mesh, or some, with all or the first `targets` morph targets.
 
@@ -194,8 +189,8 @@ def read_primitive(
         AssetError: An attribute is missing, malformed or not finite.
     """
     attributes = primitive.get("attributes", {})
-    stored_positions = read_positions(document, primitive, where)
-    count, positions = len(stored_positions), stored_positions[rows]
+    positions = read_positions(document, primitive, where, rows)
+    count = document.element_count(attributes["POSITION"])
     stored = primitive.get("targets", [])
     if len(stored) != len(rig.morph_weights):
         raise AssetError(f"has {len(stored)} morph targets, others have {len(rig.morph_weights)}", where=where)
@@ -227,23 +222,22 @@ def read_primitive(
     )
 
 
-def read_positions(document: Document, primitive: Json, where: str) -> Floats:
-    """(vertices, 3) stored positions of a primitive; AssetError if they are missing, malformed or not finite."""
+def read_positions(document: Document, primitive: Json, where: str, rows: Rows = EVERY) -> Floats:
+    """(rows, 3) stored positions of a primitive; AssetError if they are missing, malformed or not finite."""
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
         raise AssetError("has no POSITION", where=where)
-    count = len(document.accessor(attributes["POSITION"], user=where))
-    return np.asarray(_attribute(document, attributes, "POSITION", count=count, size=3, where=where))
+    count = document.element_count(attributes["POSITION"], user=where)
+    return np.asarray(_attribute(document, attributes, "POSITION", count=count, size=3, where=where, rows=rows))
 
 
 def _attribute(
-    document: Document, attributes: Json, name: str, *, count: int, size: int, where: str, rows: Rows = _ALL
+    document: Document, attributes: Json, name: str, *, count: int, size: int, where: str, rows: Rows = EVERY
 ) -> Any:
-    values = document.accessor(attributes[name], user=where)
-    if values.shape != (count, size):
+    chosen = document.accessor(attributes[name], user=where, rows=rows)
+    if chosen.shape[1:] != (size,) or document.element_count(attributes[name]) != count:
         message = f"{name} (accessor {attributes[name]}) must hold {size} numbers for {count} vertices"
         raise AssetError(message, where=where)
-    chosen = values[rows]
     if not in_range(chosen):
         with np.errstate(invalid="ignore"):
             first = int(np.arange(count)[rows][np.argmin((np.abs(chosen) <= LARGEST).all(axis=1))])
@@ -261,7 +255,7 @@ def influence_sets(attributes: Json) -> int:
 
 
 def read_influences(
-    document: Document, primitive: Json, rig: Rig, count: int, where: str, rows: Rows = _ALL
+    document: Document, primitive: Json, rig: Rig, count: int, where: str, rows: Rows = EVERY
 ) -> tuple[Ints, Floats]:
     """(vertices, influences) distinct sorted joints, and their normalised weights, padded by 0.
 
@@ -280,15 +274,14 @@ def read_influences(
     if not sets:
         raise AssetError("belongs to a skinned node but has no JOINTS_0 and WEIGHTS_0", where=where)
     attribute = partial(_attribute, document, attributes, count=count, size=4, where=where, rows=rows)
-    joints, weights = (
-        np.concatenate([attribute(f"{kind}_{number}") for number in range(sets)], axis=1)
-        for kind in ("JOINTS", "WEIGHTS")
-    )
-    joints, weights = joints.astype(np.intp), np.maximum(weights.astype(np.float64), 0.0)
+    parts = ([attribute(f"{kind}_{number}") for number in range(sets)] for kind in ("JOINTS", "WEIGHTS"))
+    joints = np.concatenate(next(parts), axis=1, dtype=np.intp, casting="unsafe")
+    weights = np.concatenate(next(parts), axis=1, dtype=np.float64)
+    np.maximum(weights, 0.0, out=weights)
     beyond = (joints < 0) | (joints >= joint_count)
     if (weights[beyond] > 0).any():
         raise AssetError(f"JOINTS refer to joint {joints[beyond & (weights > 0)][0]} of {joint_count}", where=where)
-    firsts = joints[:, 0]
+    firsts = joints[:, 0].copy()
     joints, weights = _by_joint(joints, weights, joint_count)
     repeats = (joints[:, 1:] == joints[:, :-1]) & (weights[:, 1:] > 0)
     if repeats.any():
@@ -307,10 +300,13 @@ def _by_joint(joints: Ints, weights: Floats, joint_count: int) -> tuple[Ints, Fl
     """(vertices, influences) joints and weights, sorted by the joint; those without weight are of joint 0, and last."""
     bits = (joints.shape[1] - 1).bit_length()
     # Joints are sorted together with their places, as sorting these apart takes twice as long.
-    keys = (np.where(weights > 0, joints, joint_count) << bits) + np.arange(joints.shape[1])
+    keys = np.where(weights > 0, joints, joint_count)
+    keys <<= bits
+    keys += np.arange(joints.shape[1])
     keys.sort(axis=1)
-    joints, places = keys >> bits, keys & ((1 << bits) - 1)
-    return np.where(joints == joint_count, 0, joints), np.take_along_axis(weights, places, 1)
+    joints, places = keys >> bits, np.bitwise_and(keys, (1 << bits) - 1, out=keys)
+    joints[joints == joint_count] = 0
+    return joints, np.take_along_axis(weights, places, 1)
 
 
 def read_triangles(document: Document, primitive: Json, count: int, where: str) -> Ints:
@@ -343,7 +339,7 @@ def read_all_triangles(document: Document, rig: Rig, vertices: "Vertices") -> In
     Raises:
         AssetError: An index is malformed.
     """
-    return np.concatenate(_triangle_parts(document, rig, vertices))
+    return joined(_triangle_parts(document, rig, vertices))
 
 
 def _triangle_parts(document: Document, rig: Rig, vertices: "Vertices") -> list[Ints]:
@@ -351,10 +347,13 @@ def _triangle_parts(document: Document, rig: Rig, vertices: "Vertices") -> list[
     primitives = document.items("meshes")[rig.mesh]["primitives"]
     counts = np.diff(vertices.starts)
     where = document.where("meshes", rig.mesh)
-    return [
-        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}") + start
-        for index, (primitive, count, start) in enumerate(zip(primitives, counts, vertices.starts[:-1], strict=True))
+    parts = [
+        read_triangles(document, primitive, int(count), f"{where}/primitives/{index}")
+        for index, (primitive, count) in enumerate(zip(primitives, counts, strict=True))
     ]
+    for part, start in zip(parts, vertices.starts, strict=False):
+        part += start
+    return parts
 
 
 def dense_influences(joints: Ints, weights: Floats, joint_count: int) -> Floats:

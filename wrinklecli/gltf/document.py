@@ -27,6 +27,11 @@ from wrinklecli.gltf.shape import Json, check_asset, parse_json, place
 from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory, shown_bytes
 
+Rows = Ints | slice
+"""The numbers of the elements of an accessor that are read."""
+
+EVERY = slice(None)
+
 # Primitive modes (§5.24.4) and component types (§5.1.3).
 TRIANGLES = 4
 TRIANGLE_STRIP = 5
@@ -114,12 +119,14 @@ class Document:
             raise AssetError(f"refers to {kind}[{index}], but there are {len(found)}", where=user)
         return found[index]
 
-    def accessor(self, index: int, *, user: str | None = None) -> Array:
-        """Decode the elements of an accessor, with sparse substitutions; `user` refers to the accessor, for messages.
+    def accessor(self, index: int, *, user: str | None = None, rows: Rows = EVERY) -> Array:
+        """Decode the elements of an accessor, or some rows of them, with sparse substitutions.
+
+        Only whole accessors are kept. `user` refers to the accessor, for messages.
 
         Returns:
-            (count, components), or (count,) for SCALAR: float64 for floats and normalised integers, otherwise the
-            stored integers.
+            (rows, components), or (rows,) for SCALAR: float64 for floats and normalised integers, otherwise the stored
+            integers.
 
         Raises:
             AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
@@ -129,11 +136,14 @@ class Document:
         """
         if index not in self._decoded:
             accessor = self.item("accessors", index, user=user or self.where("accessors", index))
-            elements = self.stored(index)
+            elements = self._elements(index)[rows]
             where = self.where("accessors", index)
             self.memory.claim(_DECODED_BYTES * elements.size, f"{len(elements)} elements", where=where)
-            self._decoded[index] = _values(accessor, elements)
-        return self._decoded[index]
+            values = _values(accessor, elements)
+            if rows is not EVERY:
+                return values
+            self._decoded[index] = values
+        return self._decoded[index][rows]
 
     @cached_property
     def _decoded(self) -> dict[int, Array]:
@@ -177,19 +187,32 @@ class Document:
         """Contents of files by their paths."""
         return {}
 
+    def element_count(self, index: int, *, user: str | None = None) -> int:
+        """The number of elements of an accessor, to which `user` refers.
+
+        Raises:
+            AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
+        """
+        self.item("accessors", index, user=user or self.where("accessors", index))
+        return len(self._elements(index))
+
     def stored(self, index: int) -> Array:
         """(count, components) stored elements of an accessor, with sparse substitutions.
 
         Raises:
             AssetError: The accessor, or a view or buffer behind it, is malformed or out of range.
         """
+        elements = self._elements(index)
+        return elements if elements.flags.owndata else elements.copy()
+
+    def _elements(self, index: int) -> Array:
+        """The same, perhaps as a view of the file's bytes."""
         accessor, where = self.items("accessors")[index], self.where("accessors", index)
         dtype, size = _element(accessor, where)
         count = _whole(accessor, "count", where, least=1, most=_COUNT_LIMIT)
         if "bufferView" in accessor:
             elements = self._view_elements(accessor, dtype, size, count, where)
             self.memory.check(elements.nbytes, f"{count} elements", where=where)
-            elements = elements.copy()
         elif index in self._draco_sources:
             elements = self._draco_elements(index, dtype, size, where)
         else:
@@ -197,6 +220,7 @@ class Document:
             elements = np.zeros((count, size), dtype)
         if (sparse := accessor.get("sparse")) is not None:
             indices, values = self._sparse_elements(sparse, dtype, size, len(elements), where)
+            elements = elements.copy()
             elements[indices] = values
         return elements
 
@@ -211,7 +235,7 @@ class Document:
         accessor, where = self.items("accessors")[index], self.where("accessors", index)
         sparse = accessor.get("sparse")
         if sparse is None or "bufferView" in accessor or index in self._draco_sources:
-            elements = self.stored(index)
+            elements = self._elements(index)
             changed = nonzero_rows(elements)
             return changed, _values(accessor, elements[changed])
         dtype, size = _element(accessor, where)

@@ -4,7 +4,7 @@ All rooms take their array types from here: `Floats` are float64, `Ints` are ind
 may have any type.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any, TypeVar
 
@@ -71,6 +71,11 @@ def normal_sums(faces: Floats, triangles: Ints, count: int) -> Floats:
 def diagonal(points: Array) -> float:
     """The diagonal of the box round (points, 3), whose axes numpy reduces ten times as fast one by one."""
     return float(np.linalg.norm([np.ptp(axis) for axis in points.T]))
+
+
+def joined(parts: Sequence[Array], axis: int = 0) -> Array:
+    """Arrays one behind the other along an axis; a single one itself, as a large copy costs more than what needs it."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=axis)
 
 
 def distinct(rows: Array) -> tuple[Ints, Ints]:

@@ -22,8 +22,8 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, flags_of
-from wrinklecli.numeric.sparse import Matrix, apply_rows
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
+from wrinklecli.numeric.sparse import Matrix
 
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
 _RED = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
@@ -37,11 +37,10 @@ class Level:
 
     Attributes:
         number: 0 for the coarse mesh.
-        linear: (vertices, coarse vertices) weights that put each new vertex at the midpoint of its edge. None is the
-            identity (level 0).
+        linear: (vertices, coarse vertices) weights that put each new vertex at the midpoint of its edge.
         triangles: (F, 3) vertices. Level 0 has the coarse triangles `near` wanted splits, except those with two equal
-            corners. A higher level has the quarters of red faces. Vertices are the coarse ones, then those of each
-            level.
+            corners. A higher level has the quarters of red faces. Vertices are those of the coarse ones `near` wanted
+            splits, in their order, then those of each level: nothing is as large as the mesh.
         parents: (F,) the coarse triangle of each, sorted.
         edges: (E, 2) vertices, the lower first, sorted.
         triangle_edges: (F, 3); column c is the edge from corner c to the corner that follows it.
@@ -49,7 +48,7 @@ class Level:
     """
 
     number: int
-    linear: Matrix | None
+    linear: Matrix
     triangles: Ints
     parents: Ints
     edges: Ints
@@ -58,7 +57,7 @@ class Level:
 
     def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
         """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
-        return apply_rows(self.linear, vertices, coarse)
+        return self.linear.of_rows(vertices, coarse)
 
     def of_midpoints(self, edges: Ints, coarse: Floats) -> Floats:
         """(edges, …) linear mixtures of (coarse vertices, …) values at the midpoints of some edges."""
@@ -142,12 +141,18 @@ class Stage:
 
 def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) -> Stage:
     """Level 0 of (F,) flagged triangles; nothing is split."""
-    a, b, c = triangles.T
-    faces = np.flatnonzero(held & (a != b) & (b != c) & (c != a))
+    faces = np.flatnonzero(held)
+    a, b, c = triangles[faces].T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    vertices = distinct_values(triangles[faces])
+    linear = Matrix.identity(vertex_count).chosen(vertices)
+    numbers = np.zeros(vertex_count, np.intp)
+    numbers[vertices] = np.arange(len(vertices))
+    barycentrics = np.broadcast_to(np.eye(3), (faces.size, 3, 3))
     return _stage(
-        _level(0, None, triangles[faces], faces, np.broadcast_to(np.eye(3), (faces.size, 3, 3)), vertex_count),
+        _level(0, linear, numbers[triangles[faces]], faces, barycentrics, len(vertices)),
         codes=faces,
-        complete=np.ones(vertex_count, dtype=np.bool_),
+        complete=np.ones(len(vertices), dtype=np.bool_),
         rules=rules,
     )
 
@@ -334,7 +339,7 @@ class _Older:
 
 def _level(
     number: int,
-    linear: Matrix | None,
+    linear: Matrix,
     triangles: Ints,
     parents: Ints,
     barycentrics: Floats,

@@ -79,20 +79,21 @@ class Matrix:
         """(chosen,) numbers of entries of some rows."""
         return self.starts[rows + 1] - self.starts[rows]
 
-    def below(self, above: Matrix | None) -> Matrix:
-        """(n + m, V) the rows of (n, V) `above` (None: identity), then those of this (m, n) matrix times `above`."""
-        above = Matrix.identity(self.column_count) if above is None else above
+    def below(self, above: Matrix) -> Matrix:
+        """(n + m, V) the rows of (n, V) `above`, then those of this (m, n) matrix times `above`."""
         widths = np.diff(np.append(0, np.cumsum(np.diff(above.starts)[self.columns]))[self.starts])
         rows = np.arange(len(widths))
-        parts = [above, *(self.chosen(rows[part])._on(above) for part in portions_of(widths))]
+        return above.followed_by(*(self.chosen(rows[part])._on(above) for part in portions_of(widths)))
+
+    def followed_by(self, *others: Matrix) -> Matrix:
+        """The rows of this matrix, then those of others, which have as many columns."""
+        parts = [self, *others]
         ends = np.cumsum([part.starts[-1] for part in parts])
         return Matrix(
-            np.concatenate(
-                [above.starts, *(end + part.starts[1:] for end, part in zip(ends, parts[1:], strict=False))]
-            ),
+            np.concatenate([self.starts, *(end + part.starts[1:] for end, part in zip(ends, others, strict=False))]),
             np.concatenate([part.columns for part in parts]),
             np.concatenate([part.weights for part in parts]),
-            above.column_count,
+            self.column_count,
         )
 
     def _on(self, above: Matrix) -> Matrix:

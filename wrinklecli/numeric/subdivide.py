@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, distinct_values, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, distinct_values, flags_of, matches
 from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage
 from wrinklecli.numeric.sparse import Matrix, apply, apply_rows
@@ -33,8 +33,8 @@ class Subdivision:
     Attributes:
         triangles: (F', 3) fine vertices; the children of a coarse triangle replace it, others are unchanged.
         parents: (F',) the coarse triangle of each, sorted.
-        barycentrics: (F', 3, 3); corner c of fine triangle f is `barycentrics[f, c] @ corners` of its coarse
-            triangle. Multiples of powers of two, exact. For corner attributes, so that seams stay seams.
+        leaves: (n,) sorted fine triangles near the splits; others are coarse ones.
+        leaf_barycentrics: (n, 3, 3) their `barycentrics`.
         vertex_count: V'.
         matrix: (V', V) weights by the scheme's stencils. None is the identity: nothing was split.
         linear: (V', V) weights by edge midpoints, on the coarse mesh. None is the identity.
@@ -46,7 +46,8 @@ class Subdivision:
 
     triangles: Ints
     parents: Ints
-    barycentrics: Floats
+    leaves: Ints
+    leaf_barycentrics: Floats
     vertex_count: int
     matrix: Matrix | None
     linear: Matrix | None
@@ -59,6 +60,21 @@ class Subdivision:
     def changed(self) -> Bools:
         """(F',) True for triangles that are not coarse ones."""
         return np.bincount(self.parents)[self.parents] > 1
+
+    @property
+    def barycentrics(self) -> Floats:
+        """(F', 3, 3); corner c of fine triangle f is `barycentrics[f, c] @ corners` of its coarse triangle.
+
+        Multiples of powers of two, exact. For corner attributes, so that seams stay seams.
+        """
+        return self.barycentrics_of(np.arange(len(self.parents)))
+
+    def barycentrics_of(self, faces: Ints) -> Floats:
+        """(faces, 3, 3) `barycentrics` of some fine triangles."""
+        found = np.tile(np.eye(3), (len(faces), 1, 1))
+        among_leaves, leaves = matches(faces, self.leaves)
+        found[among_leaves] = self.leaf_barycentrics[leaves]
+        return found
 
     def positions(self, coarse: Floats) -> Floats:
         """(..., V, C) coarse values → (..., V', C) by the scheme's stencils; the first V are the same bits."""
@@ -134,21 +150,28 @@ def subdivide(
     shown = [np.ones(stage.split.size, dtype=np.bool_) if shows is None else shows(stage.level) for stage in stages]
     limited = shown[-1] & deepest.wanted & ~deepest.forbidden & (len(stages) > max_levels)
     needed = _needed(stages, shown)
-    fine, parents, barycentrics = _leaves(triangles, stages, needed)
-    # Coarse vertices, and those of splits that are needed.
-    kept = flags_of(fine, deepest.complete.size)
-    kept[:vertex_count] = True
+    corners, parents, barycentrics = _leaves(stages, needed)
+    # Vertices of splits that are needed.
+    near_count = root.complete.size
+    kept = flags_of(corners, deepest.complete.size)
+    rows = near_count + np.flatnonzero(kept[near_count:])
     matrix = linear = None
-    if deepest.level.linear is not None and kept[vertex_count:].any():
-        rows = np.flatnonzero(kept)
-        matrix = linear = deepest.level.linear.chosen(rows)
+    if len(rows):
+        identity = Matrix.identity(vertex_count)
+        matrix = linear = identity.followed_by(deepest.level.linear.chosen(rows))
         if scheme == "butterfly":
-            matrix = _stencils(stages, np.zeros((0, 2), np.intp) if hard is None else hard).chosen(rows)
+            stencils = _stencils(stages, np.zeros((0, 2), np.intp) if hard is None else hard)
+            matrix = identity.followed_by(stencils.chosen(rows))
+    numbers = np.zeros(kept.size, np.intp)
+    numbers[:near_count] = root.level.linear.columns
+    numbers[rows] = vertex_count + np.arange(len(rows))
+    every, fine, leaves = _among_others(triangles, parents, numbers[corners])
     return Subdivision(
-        triangles=(np.cumsum(kept) - 1)[fine],
-        parents=parents,
-        barycentrics=barycentrics,
-        vertex_count=int(kept.sum()),
+        triangles=fine,
+        parents=every,
+        leaves=leaves,
+        leaf_barycentrics=barycentrics,
+        vertex_count=vertex_count + len(rows),
         matrix=matrix,
         linear=linear,
         limited=int(limited.sum()),
@@ -172,9 +195,9 @@ def two_rings(near: Bools, triangles: Ints, vertex_count: int) -> Bools:
 
 def _stencils(stages: list[Stage], hard: Ints) -> Matrix:
     """(vertices of the last level, coarse vertices) butterfly weights, with (H, 2) hard coarse edges."""
-    edges, count = stages[0].level.edges, stages[0].complete.size
+    matrix = stages[0].level.linear
+    count, edges = matrix.column_count, matrix.columns[stages[0].level.edges]
     is_hard = among(edges[:, 0] * count + edges[:, 1], np.sort(hard[:, 0] * count + hard[:, 1]))
-    matrix = Matrix.identity(count)
     for stage, finer in pairwise(stages):
         edges, count = stage.level.edges, stage.complete.size
         creased = flags_of(edges[is_hard], count)
@@ -196,15 +219,33 @@ def _needed(stages: list[Stage], shown: list[Bools]) -> list[Bools]:
     return needed
 
 
-def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[Ints, Ints, Floats]:
-    """Give (F', 3) fine triangles, their (F',) coarse ones and (F', 3, 3) barycentrics, in coarse order.
+def _among_others(triangles: Ints, parents: Ints, leaves: Ints) -> tuple[Ints, Ints, Ints]:
+    """Put fine triangles in the places of their coarse ones among (F, 3) others.
+
+    Args:
+        triangles: (F, 3) coarse triangles.
+        parents: (n,) the coarse triangles that the fine ones replace, sorted.
+        leaves: (n, 3) the fine ones.
+
+    Returns:
+        (F',) the coarse triangle of each, (F', 3) all triangles, and the (n,) places of the fine ones among them.
+    """
+    counts = np.bincount(parents, minlength=len(triangles))
+    is_leaf = counts > 0
+    every = np.repeat(np.arange(len(triangles)), np.maximum(counts, 1))
+    places = np.flatnonzero(is_leaf[every])
+    fine = triangles[every]
+    fine[places] = leaves
+    return every, fine, places
+
+
+def _leaves(stages: list[Stage], needed: list[Bools]) -> tuple[Ints, Ints, Floats]:
+    """Give (n, 3) fine triangles near the splits, their (n,) coarse ones and (n, 3, 3) barycentrics, in coarse order.
 
     The splits to make are (E,) `needed` for each stage.
     """
     finest = len(stages) - 1
-    whole = np.flatnonzero(~flags_of(stages[0].codes, len(triangles)))
-    found, weights = [triangles[whole]], []
-    places = [whole * 4**finest]
+    found, weights, places = [], [], []
     there = np.ones(stages[0].codes.size, dtype=np.bool_)
     for depth, (stage, splits) in enumerate(zip(stages, needed, strict=True)):
         scale = 4 ** (finest - depth)
@@ -235,6 +276,4 @@ def _leaves(triangles: Ints, stages: list[Stage], needed: list[Bools]) -> tuple[
                 places.append(np.repeat(codes[chosen] * scale, len(pattern)))
     place = np.concatenate(places)
     order = np.argsort(place, kind="stable")
-    barycentrics, refined = np.tile(np.eye(3), (order.size, 1, 1)), order >= whole.size
-    barycentrics[refined] = np.concatenate(weights)[order[refined] - whole.size]
-    return np.concatenate(found)[order], place[order] // 4**finest, barycentrics
+    return np.concatenate(found)[order], place[order] // 4**finest, np.concatenate(weights)[order]

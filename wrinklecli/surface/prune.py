@@ -215,10 +215,11 @@ def forbidden_splits(
     acting = distinct_values(surface.joints[used])
     coarse_weights = spread_weights(surface, used, len(rig.joints), acting)
     distances = joint_distances(rig, regions, acting)
+    touched = contacts.astype(np.float64)
 
     def forbidden(level: Level) -> Bools:
-        touching = np.zeros(max(int(level.edges.max(initial=0)) + 1, len(contacts)), bool)
-        touching[: len(contacts)] = contacts
+        # No new vertex touches, as no edge between two that do is split.
+        touching = level.of_vertices(np.arange(level.linear.shape[0]), touched) == 1.0
         found: Bools = touching[level.edges[:, 0]] & touching[level.edges[:, 1]]
         edges = distinct_values(level.triangle_edges[near[level.parents]])
         weights = level.of_midpoints(edges, coarse_weights)

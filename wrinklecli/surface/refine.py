@@ -73,7 +73,6 @@ class Refinement:
         positions: (vertices, 3) stored positions, bind space.
         morph_deltas: (morph targets, vertices, 3).
         bind_positions: (vertices, 3) positions under the morph weights of the rest pose, bind space.
-        blended: (vertices, 3, 4) bind to world space at rest.
         rest_positions: (vertices, 3) world space at rest.
         weights: Skin weights of new vertices before pruning.
         joints_pruned: (new vertices, influences) the joints that the file can store.
@@ -95,7 +94,6 @@ class Refinement:
     positions: Floats
     morph_deltas: Floats
     bind_positions: Floats
-    blended: Floats
     rest_positions: Floats
     weights: Influences
     joints_pruned: Ints
@@ -132,19 +130,30 @@ class Refinement:
         return VertexFaces.of(self.triangles, len(self.bind_positions))
 
     @cached_property
+    def blended(self) -> Floats:
+        """(vertices, 3, 4) bind to world space at rest."""
+        return self.blended_at(self.rest, np.arange(len(self.positions)))
+
+    def blended_at(self, pose: Rest, vertices: Ints) -> Floats:
+        """(chosen, 3, 4) bind to world space in a pose of the coarse surface."""
+        return self.subdivision.of_vertices(vertices, pose.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+
+    @cached_property
     def rest_normals(self) -> Floats:
         """(vertices, 3) unit normals in world space at rest."""
         return carried_normals(self.blended, self.normals)
 
     def rest_normals_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) unit normals in world space at rest."""
-        return carried_normals(self.blended[vertices], self.normals_at(vertices))
+        return carried_normals(self.blended_at(self.rest, vertices), self.normals_at(vertices))
 
     def raising_at(self, vertices: Ints) -> Floats:
         """(chosen, 3) moves in bind space that raise vertices by 1 along their normals at rest; 0 where singular."""
         return self._raising.at(
             vertices,
-            lambda missing: np.einsum("vij,vj->vi", inverses(self.blended[missing]), self.rest_normals_at(missing)),
+            lambda missing: np.einsum(
+                "vij,vj->vi", inverses(self.blended_at(self.rest, missing)), self.rest_normals_at(missing)
+            ),
         )
 
     @cached_property
@@ -163,10 +172,7 @@ class Refinement:
         raised = np.flatnonzero(pose.morph_weights)
         bind = self.positions[vertices]
         bind = bind + np.tensordot(pose.morph_weights[raised], self.morph_deltas[raised][:, vertices], axes=1)
-        blended = self.blended
-        if pose.blended is not self.rest.blended:
-            blended = self.subdivision.interpolate(pose.blended.reshape(-1, 12)).reshape(-1, 3, 4)
-        return transform(blended[vertices][None], bind)[0], normals
+        return transform(self.blended_at(pose, vertices)[None], bind)[0], normals
 
     def _mixed_normals(self, pose: Rest, vertices: Ints) -> Floats:
         if self.subdivision.linear is None:
@@ -204,9 +210,11 @@ class Refinement:
         dense[~is_old] = self.weights.at(vertices[~is_old] - old).dense().T
         return dense
 
-    def influences(self, joint_count: int) -> Influences:
-        """The skin weights of all vertices before pruning, by their joints."""
-        return self.surface.influences(joint_count).before(self.weights)
+    def influences(self, joint_count: int, vertices: Ints) -> Influences:
+        """The skin weights of some vertices before pruning, by their joints."""
+        old, is_new = len(self.surface.positions), vertices >= len(self.surface.positions)
+        parts = self.surface.influences(joint_count).at(vertices[~is_new]), self.weights.at(vertices[is_new] - old)
+        return parts[0].before(parts[1]).at(np.argsort(np.argsort(is_new, kind="stable")))
 
     def skinned(self, rig: Rig, vertices: Ints | None = None) -> SkinnedMesh:
         """The mesh, or (vertices,) sorted ones with the triangles that have no others, as a rig moves it."""
@@ -214,7 +222,7 @@ class Refinement:
         triangles = self.triangles[flags_of(chosen, len(self.positions))[self.triangles].all(axis=1)]
         return skinned_mesh(
             rig,
-            self.influences(len(rig.joints)).at(chosen),
+            self.influences(len(rig.joints), chosen),
             self.positions[chosen],
             self.morph_deltas[:, chosen],
             np.searchsorted(chosen, triangles),
@@ -272,7 +280,7 @@ def refine(
         hard=hard.vertices if settings.scheme == "butterfly" else None,
         where=rig.names[rig.node],
     )
-    blended = subdivision.interpolate(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
+    blended = subdivision.interpolate_new(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
     placed = rounded(
         surface,
         subdivision,
@@ -288,7 +296,7 @@ def refine(
     joints_pruned, weights_pruned = prune(weights, joint_distances(rig, regions, acting), influences)
     joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
     corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
-    rest_positions = np.concatenate([rest.positions, transform(blended[None, old:], bind[old:])[0]])
+    rest_positions = np.concatenate([rest.positions, transform(blended[None], bind[old:])[0]])
     corners = _turned(subdivision, corners, weld, rest_positions, regions)
     subdivision = replace(subdivision, triangles=weld[corners])
     faceted = hard.faceted & (settings.scheme == "butterfly")
@@ -299,7 +307,6 @@ def refine(
         positions=placed.positions,
         morph_deltas=placed.morph_deltas,
         bind_positions=bind,
-        blended=blended,
         rest_positions=rest_positions,
         weights=Influences.of(weights, acting, len(rig.joints)),
         joints_pruned=joints_pruned,
@@ -554,7 +561,7 @@ def _split_corners(surface: Surface, subdivision: Subdivision) -> tuple[Ints, In
     changed = subdivision.changed
     fine_corners = surface.corners[subdivision.parents]
     parents = subdivision.parents[changed]
-    shares = subdivision.barycentrics[changed].reshape(-1, 3)
+    shares = subdivision.barycentrics_of(np.flatnonzero(changed)).reshape(-1, 3)
     sources = np.repeat(surface.corners[parents], 3, axis=0)
     is_new = (shares < 1.0).all(axis=1)
     corners = sources[np.arange(len(sources)), np.argmax(shares, axis=1)]

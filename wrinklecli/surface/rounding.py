@@ -183,8 +183,8 @@ def rounded(
 ) -> Rounded:
     """Place the vertices of a subdivision, with the whole offset if `full`.
 
-    (morph targets,) `at_rest` are the weights of the rest pose. `blended` are (vertices, 3, 4) matrices from bind to
-    world space at rest. `laid` has the coarse surface in each pose of regions.
+    (morph targets,) `at_rest` are the weights of the rest pose. `blended` are (new vertices, 3, 4) matrices from bind
+    to world space at rest. `laid` has the coarse surface in each pose of regions.
     """
     old = len(surface.positions)
     places, deltas = subdivision.interpolate(surface.positions), subdivision.interpolate(surface.morph_deltas)
@@ -192,7 +192,7 @@ def rounded(
         return Rounded(places, deltas, np.zeros(len(regions)))
     smooth = subdivision.positions(surface.positions)
     normals, heights = _heights(places, smooth, subdivision.triangles, old)
-    heights_rest = np.abs(heights) * np.linalg.norm(np.einsum("vij,vj->vi", blended[old:, :, :3], normals), axis=1)
+    heights_rest = np.abs(heights) * np.linalg.norm(np.einsum("vij,vj->vi", blended[:, :, :3], normals), axis=1)
 
     shares, tallest = np.full(len(heights), 1.0 if full else 0.0), np.zeros(len(heights))
     of_deltas = shares.copy()

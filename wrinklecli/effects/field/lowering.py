@@ -216,7 +216,7 @@ class _Poses:
         inside[vertices] = np.arange(len(vertices))
         padded = np.zeros((len(moves), 3, len(vertices) + 1))
         padded[:, :, :-1] = moves.transpose(0, 2, 1)
-        influences = fine.influences(sweeps.matrices.shape[1]).sparse()
+        influences = fine.influences(sweeps.matrices.shape[1], np.arange(len(fine.positions))).sparse()
         moving = (padded != 0).any(axis=1)
         return cls(fine, influences, inside, padded, moving, np.concatenate(matrices)[chosen], every[chosen])
 

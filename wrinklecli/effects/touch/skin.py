@@ -303,7 +303,7 @@ class Patch:
         """The patch of refined skin whose coarse vertices are held."""
         moving = fine.subdivision.interpolate(hold.still[:, None])[:, 0] < 1.0
         vertices, corners = np.unique(fine.triangles[moving[fine.triangles].any(axis=1)], return_inverse=True)
-        return cls(vertices, corners.reshape(-1, 3), fine.positions[vertices], fine.blended[vertices])
+        return cls(vertices, corners.reshape(-1, 3), fine.positions[vertices], fine.blended_at(fine.rest, vertices))
 
     def equals(self, other: "Patch") -> bool:
         """True if both are refined alike, whatever the numbers of their vertices."""

@@ -108,7 +108,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         kept *= patch.mask.on_refined(fine, patch.members, members)
     places = places.times(kept)
     magnitudes = places.factors
-    regular = ~singular(fine.blended[members])
+    regular = ~singular(fine.blended_at(fine.rest, members))
     moving = np.abs(magnitudes) > LEAST_SHARE * abs(patch.shape_strength)
     if left is not None and not (regular & moving).any():
         # A tool that lies on features alone was meant to wrinkle them.

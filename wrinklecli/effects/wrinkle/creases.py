@@ -102,13 +102,13 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
     if not len(folds):
         return nearer
     corners = corners.reshape(-1, 3)
-    vectors = fine.bind_positions[used], fine.raising_at(used)
+    vectors, at_rest = (fine.bind_positions[used], fine.raising_at(used)), fine.blended_at(fine.rest, used)
     # Bumps that are higher than those of `max_height: auto` are steeper, and their flanks turn over first.
     height = min(patch.curve.greatest_height, PLAIN_HEIGHT * patch.bump_width)
 
     def greatest(points: _Points) -> Floats:
         """(points,) greatest κh of points that rise like the tallest bump."""
-        _, cosines = _curvatures(points, fine.blended[used], *vectors)
+        _, cosines = _curvatures(points, at_rest, *vectors)
         outward = np.where(cosines < 0.0, -1.0, 1.0)
         found = np.zeros(len(points.which))
         for fold in folds:
@@ -126,7 +126,7 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
     vertices = looks // max(len(sharp), 1)
     moved = np.isin(vertices, carried.vertices, kind="table")  # else it imports `numpy.ma`
     vertices, firsts = vertices[moved], firsts[moved]
-    points = _Points(corners[sharp], which[firsts], fine.subdivision.barycentrics[rows].reshape(-1, 3)[firsts])
+    points = _Points(corners[sharp], which[firsts], fine.subdivision.barycentrics_of(rows).reshape(-1, 3)[firsts])
     at = np.searchsorted(carried.vertices, vertices)
     np.maximum.at(nearer, at, greatest(points) * shares[at])
     return nearer
