@@ -194,6 +194,7 @@ def test_wrong_usage_is_said_and_ends_in_2(
         ({"size": (16_000, 16_000), "times": (0.0, 1.0), "out": "a.gif"}, "at most 1"),
         ({"out": "limb.glb"}, "ends in none of"),
         ({"out": "none/a.png"}, "cannot be written"),
+        ({"times": (0.5, 9.0)}, "no clip that is shown has a moment at 9 s: 'fold' from 0 to 2 s"),
         ({"fps": 1000.0, "frames": None, "clips": ["fold"] * 9}, "too many"),
     ],
 )

@@ -12,6 +12,10 @@ from wrinklecli.review.preview.preview_options import PreviewOptions
 MOST_MOMENTS = 10_000
 # Moments of a clip on a sheet; an odd number, because many clips are at their greatest in their middle.
 _SHEET_MOMENTS = 5
+# Seconds within which a time is a clip's end, as people write times with few digits.
+_ROUNDING = 0.01
+# Clips of which a message names the times.
+_NAMED = 3
 # Frames per second of an animation.
 _ANIMATION_FPS = 15.0
 
@@ -37,18 +41,23 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
 
     Raises:
         AssetError: The asset lacks a clip that the options name.
-        WrinkleError: There are too many moments.
+        WrinkleError: There are too many moments, or one that no clip has.
     """
     fps = options.fps or _ANIMATION_FPS
     clips = read_clips(document)
     named = [clip_named(clips, name, where=document.path) for name in options.clips]
     if options.rest or not clips:
         return [Moment(None, 0.0)]
-    found = []
-    for clip in named or clips[:1]:
+    chosen, found = named or clips[:1], []
+    for time in options.times:
+        if not any(clip.start - _ROUNDING <= time <= clip.end + _ROUNDING for clip in chosen):
+            spans = ", ".join(f"{clip.name!r} from {clip.start:.4g} to {clip.end:.4g} s" for clip in chosen[:_NAMED])
+            raise WrinkleError(f"no clip that is shown has a moment at {time:.4g} s: {spans}", where=document.path)
+    for clip in chosen:
         length = clip.end - clip.start
         if options.times:
-            spread = [float(time) for time in options.times]
+            own = (float(time) for time in options.times)
+            spread = [time for time in own if clip.start - _ROUNDING <= time <= clip.end + _ROUNDING]
         elif options.frames is None and (options.fps is not None or animated):
             count = length * fps
             if count > MOST_MOMENTS:
