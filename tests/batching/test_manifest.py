@@ -41,8 +41,8 @@ def complaints(name: str, text: str, **given: Any) -> list[str]:
 
 def test_jobs_have_the_options_of_bake() -> None:
     options = {each.opts[-1].strip("-").replace("-", "_"): each for each in cli.commands["bake"].params}
-    # Of a job itself, or for one bake alone: the workers of a batch are its processes.
-    apart = {"asset", "tools", "output", "depfile", "jobs", "json", "progress", "quiet", "verbose"}
+    # Of a job itself, or for one bake alone: a batch has a cache, and its workers are its processes.
+    apart = {"asset", "tools", "output", "depfile", "cache", "jobs", "json", "progress", "quiet", "verbose"}
     assert set(OPTION_KEYS) == {name for name in options if name not in apart}
     for name, values in OPTION_KEYS.items():
         option = options[name]

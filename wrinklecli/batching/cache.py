@@ -3,7 +3,7 @@
     CACHEDIR.TAG            tells backup programs to skip the folder
     keys/ab/<key>.json      the record of a job: its files by digest, and its outcome
     files/ab/<digest>       the contents of the files
-    shapes/ab/<key>         a region of flesh as it was solved, for bakes that change no more than its springs
+    shapes/ab/<key>         a region of flesh, or folds in contact, as they were solved, for bakes that change others
     outs/ab/<path>.json     the inputs of the output at a path, to say later what has changed
 
 Each file is written whole, and a record after the files that it names. Nothing in a cache is trusted: a record may name
@@ -190,7 +190,7 @@ class Cache:
 
 @dataclass(frozen=True, slots=True)
 class Solutions:
-    """Solutions of regions of flesh in a cache, by this version of the program. Its faults become warnings."""
+    """Solutions of flesh and contact in a cache, by this version of the program. Its faults become warnings."""
 
     cache: Cache
 

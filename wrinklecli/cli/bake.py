@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, get_args
 
 import click
@@ -79,6 +80,7 @@ _MODIFIERS = {"define", "export", "override", "private", "undefine", "unexport"}
 @opt.file("--report", metavar="FILE.json", text="Write what was made and how exact it is.")
 @opt.file("--timings", metavar="FILE.json", text="Write seconds by stage, frames per second, and memory.")
 @opt.file("--depfile", metavar="FILE.d", text="Write the files that OUT depends on, for Make and Ninja.")
+@opt.file("--cache", metavar="DIR", text="Keep solved contact and flesh in DIR, and find there what did not change.")
 @opt.whole("-j", "--jobs", bounds=(1, 1024), text="Processes that resolve contact; as many as cores by default.")
 @opt.allow_external()
 @opt.max_memory
@@ -96,6 +98,7 @@ def bake(
     timings: str | None,
     depfile: str | None,
     maps_dir: str | None,
+    cache: str | None,
     as_json: bool,
     progress: bool,
     quiet: bool,
@@ -130,7 +133,7 @@ def bake(
             outputs.claim(path)
         details = report is not None or as_json
         chosen = BakeOptions(details=details, jobs=jobs or core_count(), **options)
-        with Progress(quiet=quiet, lines=progress) as shown:
+        with _kept_in(cache), Progress(quiet=quiet, lines=progress) as shown:
             made, mapped = bake_with_maps(asset, tools, output, maps_dir, chosen, outputs=outputs, progress=shown.show)
         if report is not None:
             outputs.add_bytes(report, text_of(made.data).encode())
@@ -152,6 +155,27 @@ def bake(
     say(f"{output or options['frames_dir']}: {made.summary}")
     if mapped is not None:
         say(f"{maps_dir}: {mapped.summary}")
+
+
+@contextmanager
+def _kept_in(folder: str | None) -> Iterator[None]:
+    """Keep solutions in the folder of a cache, if there is one, and warn of what there is damaged.
+
+    Raises:
+        WrinkleError: The cache cannot be written.
+    """
+    if folder is None:
+        yield
+        return
+    # Imported here, as other bakes need none of it.
+    from wrinklecli.batching.cache import Cache, Solutions
+    from wrinklecli.effects.kept import solutions_in
+
+    cache = Cache(folder)
+    cache.open()
+    with solutions_in(Solutions(cache)):
+        yield
+    say_findings([], cache.warnings)
 
 
 def dependencies(target: str, inputs: Iterable[str]) -> bytes:

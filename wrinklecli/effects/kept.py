@@ -34,35 +34,34 @@ def solutions_in(store: Store) -> Iterator[None]:
         _store.reset(token)
 
 
-def stored(
-    key: str,
-    solve: Callable[[], Solution],
-    *,
-    read: Callable[[bytes], Solution],
-    written: Callable[[Solution], bytes],
-    what: str,
-    most: int,
-) -> Solution:
-    """The solution of a key from the store, or a new one, which is kept there.
+def is_kept() -> bool:
+    """True if solutions are kept in a store."""
+    return _store.get() is not None
+
+
+def kept_solution(key: str, read: Callable[[bytes], Solution], *, what: str, most: int) -> Solution | None:
+    """The solution of a key from the store; None without a store, or if it has none.
 
     Args:
         key: A digest of all that the solution depends on.
-        solve: Finds it.
-        read: Reads a stored one; raises a KeyError, TypeError, ValueError, OverflowError or RecursionError if it is
+        read: Reads a stored one; raises a LookupError, TypeError, ValueError, OverflowError or RecursionError if it is
             damaged.
-        written: The bytes of one.
         what: What it is, for messages, such as "a solution of this region".
         most: Bytes of a stored one at most.
     """
     store = _store.get()
-    if store is None:
-        return solve()
-    data = store.find(key, most)
-    if data is not None:
-        try:
-            return read(data)
-        except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-            store.refuse(key, f"is not {what} ({error})")
-    solution = solve()
-    store.keep(key, written(solution))
-    return solution
+    data = store.find(key, most) if store is not None else None
+    if store is None or data is None:
+        return None
+    try:
+        return read(data)
+    except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        store.refuse(key, f"is not {what} ({error})")
+        return None
+
+
+def keep(key: str, written: Callable[[], bytes]) -> None:
+    """Keep the bytes of a solution, if there is a store."""
+    store = _store.get()
+    if store is not None:
+        store.keep(key, written())

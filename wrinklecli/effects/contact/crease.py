@@ -154,7 +154,7 @@ class Surface:
         the joint as far, and clips that do are solved themselves.
         """
         fold, lean = self.fold, self.fold.hinge.leanings[number]
-        way = _sweep(fold, lean, end)
+        way = sweep_way(fold, lean, end)
         clip = fold.hinge.turn(way, tilt=lean)
         times = np.linspace(0.0, 1.0, len(way))
         poses = list[SolvedPose]()
@@ -184,7 +184,7 @@ class Crease(Surface):
     """A fold whose contact is resolved.
 
     Attributes:
-        sweeps: The solved poses of the sweeps in which contact moves something.
+        poses: Number of poses of the sweeps in which contact moves something.
         shapes: (shapes, free, 3) bind space, at weight 1.
         response: Weights of the shapes by the joint's turn, or by the shortening of the tool that rises.
         samples: Weights, with the motions and times in which normals are to be right under them.
@@ -194,7 +194,7 @@ class Crease(Surface):
         crossing: Number of poses of the sweeps in which the shapes leave crossings.
     """
 
-    sweeps: "tuple[SolvedPose, ...]"
+    poses: int
     shapes: Floats
     response: Table | LeaningTable
     samples: tuple[tuple[Floats, Clip, float], ...]
@@ -467,7 +467,7 @@ def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most
     return Crease(
         fold=fold,
         tissue=tissue,
-        sweeps=sweeps,
+        poses=len(sweeps),
         shapes=shapes,
         response=_response(fold, sweeps, weights, torn),
         samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)) if poses else (),
@@ -531,7 +531,7 @@ def _chosen(weights: Floats) -> list[int]:
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
 
 
-def _sweep(fold: Fold, lean: Floats, end: float) -> Floats:
+def sweep_way(fold: Fold, lean: Floats, end: float) -> Floats:
     """(poses,) evenly spaced turns of a sweep of a leaning to an end."""
     stride = fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0)
     return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
@@ -539,7 +539,7 @@ def _sweep(fold: Fold, lean: Floats, end: float) -> Floats:
 
 def sweep_poses(fold: Fold) -> int:
     """The number of poses of all sweeps of a fold, if none ends early."""
-    return sum(len(_sweep(fold, lean, end)) for lean in fold.hinge.leanings for end in fold.hinge.ends)
+    return sum(len(sweep_way(fold, lean, end)) for lean in fold.hinge.leanings for end in fold.hinge.ends)
 
 
 def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:
@@ -552,7 +552,7 @@ def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats 
     marked = np.zeros(len(fold.own), bool)
     for lean in fold.hinge.leanings:
         for end in fold.hinge.ends:
-            clip = fold.hinge.turn(_sweep(fold, lean, end), tilt=lean)
+            clip = fold.hinge.turn(sweep_way(fold, lean, end), tilt=lean)
             looks = np.linspace(0.0, 1.0, _CROSSING_POSES)[1:] if not lean.any() else np.ones(1)
             for positions in fold.posed(clip, looks)[0]:
                 marked |= fold.crossing(positions)
@@ -568,7 +568,7 @@ def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats 
     return apart
 
 
-def _border(fold: Fold) -> Bools:
+def border(fold: Fold) -> Bools:
     """(vertices,) True for vertices with triangles beyond the fold, which must stay; not for those of other meshes."""
     inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.own))[: len(fold.vertices)]
     starts = fold.fine.around.starts
@@ -578,7 +578,7 @@ def _border(fold: Fold) -> Bools:
 def tissue_of(fold: Fold, apart: Floats) -> Tissue:
     """The fold as the solver sees it, from (vertices,) distances from what crosses, solver's units."""
     free = apart < FREE * SOFT
-    free[: len(fold.vertices)] &= ~_border(fold)
+    free[: len(fold.vertices)] &= ~border(fold)
     edges, crossed = fold.crossings.at(fold.rest_positions)
     # Triangles without a free corner never touched one.
     colliding = np.asarray(free[fold.triangles].any(axis=1))

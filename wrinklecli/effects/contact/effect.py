@@ -132,7 +132,7 @@ class ContactWords:
             "moved_vertices": len(crease.vertices),
             "largest_move": significant(crease.largest),
             "volume_lost": significant(crease.squeezed),
-            "poses": len(crease.sweeps),
+            "poses": crease.poses,
             "fitted_to_clips": crease.fold.per_clip,
             "unsettled_poses": 0,  # sweeps end before any
             "crossing_poses": crease.crossing,

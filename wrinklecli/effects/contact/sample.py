@@ -18,6 +18,7 @@ from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWord
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
+from wrinklecli.effects.kept import is_kept, keep, kept_solution
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.effects.wrinkle.effect import WrinkleWords, lowered_in_clips
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         Surface,
     )
     from wrinklecli.effects.contact.fold import Fold
+    from wrinklecli.effects.contact.kept import SolvedSystem
 
 _Result = TypeVar("_Result")
 # Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
@@ -84,11 +86,7 @@ def resolve_folds(
         _refuse_large(systems, clips, how, at_once, where=plan.rig.names[plan.rig.node])
         kept = _KEPT * how.memory.left / at_once
         chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
-        # Processes beyond one for each system solve its folds, their sweeps and its clips.
-        work = partial(_solved_system, clips=chosen, jobs=max(1, how.jobs // max(1, len(systems))))
-        shared = [*(fold for members in systems for fold, _ in members), *chosen.moving.values()]
-        results = in_processes(work, systems, how.jobs, shared=shared, size=_free_count)
-        for members, solved in zip(systems, results, strict=True):
+        for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):
             made += [_given_up(plan, fold, members, made, given_up, chosen) for fold, given_up in solved.given_up]
             made += _followed(plan, solved.spanned, chosen, made)
             done += len(members)
@@ -156,31 +154,48 @@ class _Clips:
         """All clips, and the numbers of the first with their motions."""
         return [*zip(self.every, self.firsts, strict=True)]
 
-    def times_for(self, surfaces: "Sequence[Surface]", clip: Clip) -> Floats:
+    def times_for(self, folds: "Sequence[Fold]", clip: Clip) -> Floats:
         """(frames,) seconds at which folds that are solved together are marched in a clip."""
-        return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(surfaces, clip, self.fps)
+        return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(folds, clip, self.fps)
 
 
-@dataclass(frozen=True, slots=True)
-class _SolvedSystem:
-    """The folds of a system.
+def _solved_systems(
+    systems: "Sequence[list[tuple[Fold, Floats | None]]]", clips: _Clips, jobs: int
+) -> "Iterator[SolvedSystem]":
+    """Find the systems that are kept, and resolve the others in so many processes."""
+    from wrinklecli.effects.contact.kept import MOST_BYTES, read, solution_key, written
 
-    Attributes:
-        given_up: The folds whose own motion cannot be resolved.
-        spanned: The others with the shapes that count, and their weights in each clip, by its number.
-    """
+    keys, known = list[str](), dict[int, "SolvedSystem"]()
+    for number, members in enumerate(systems if is_kept() else ()):
+        times = partial(clips.times_for, [fold for fold, _ in members])
+        keys.append(solution_key(members, clips.moving, times, [clips.fps, clips.even]))
+        reading = partial(read, members=members, clips=clips.moving)
+        solved = kept_solution(keys[-1], reading, what="a solution of these folds", most=MOST_BYTES)
+        if solved is not None:
+            known[number] = solved
+    unknown = [members for number, members in enumerate(systems) if number not in known]
+    # Processes beyond one for each system solve its folds, their sweeps and its clips.
+    work = partial(_solved_system, clips=clips, jobs=max(1, jobs // max(1, len(unknown))))
+    shared = [*(fold for members in unknown for fold, _ in members), *clips.moving.values()]
+    fresh = in_processes(work, unknown, jobs, shared=shared, size=_free_count)
+    for number, members in enumerate(systems):
+        if number in known:
+            yield known[number]
+        else:
+            solved = next(fresh)
+            if keys:
+                keep(keys[number], partial(written, solved, members, clips.moving))
+            yield solved
 
-    given_up: "list[tuple[Fold, GivenUp]]"
-    spanned: _Spanned
 
-
-def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> _SolvedSystem:
+def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> "SolvedSystem":
     """Resolve the folds of a system, and solve and follow the clips.
 
     The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
     clips are solved beside the sweeps whose axes lean, as neither needs the other.
     """
     from wrinklecli.effects.contact.crease import Surface, poses_of_sweeps
+    from wrinklecli.effects.contact.kept import SolvedSystem
 
     crossing = [(fold, apart) for fold, apart in members if apart is not None]
     ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
@@ -195,7 +210,7 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
         (surface, poses) for surface, poses in zip(surfaces, own, strict=True) if not isinstance(poses, UnresolvedError)
     ]
     if not sound:
-        return _SolvedSystem(given_up, [])
+        return SolvedSystem(given_up, [])
     solver = _Solver([surface for surface, _ in sound], clips)
     leaning = [[partial(each.sweep, *sweep) for sweep in each.leaning_sweeps] for each, _ in sound]
     # Clips take longest, so they are begun first.
@@ -212,8 +227,8 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
                 for each in sound:
                     spanned.append(_spanned(*each, spanned, solver))
         except UnresolvedError as error:
-            return _SolvedSystem([*given_up, *((surface.fold, error.given_up) for surface, _ in sound)], [])
-    return _SolvedSystem(given_up, spanned)
+            return SolvedSystem([*given_up, *((surface.fold, error.given_up) for surface, _ in sound)], [])
+    return SolvedSystem(given_up, spanned)
 
 
 def _given_up_of(folds: "Sequence[Fold]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
@@ -348,7 +363,8 @@ class _Solver:
         from wrinklecli.effects.contact.system import System
 
         self._system, self.clips = System(tuple(surfaces)), clips.moving
-        self._times = {number: clips.times_for(surfaces, clip) for number, clip in self.clips.items()}
+        folds = [each.fold for each in surfaces]
+        self._times = {number: clips.times_for(folds, clip) for number, clip in self.clips.items()}
         size = sum(_VERTEX_BYTES * len(each.fold.vertices) + _FREE_BYTES * len(each.vertices) for each in surfaces)
         frames = np.cumsum([len(times) for times in self._times.values()])
         # Clips beyond these are solved again whenever they are asked for.
@@ -544,13 +560,13 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     return name
 
 
-def _march_times(surfaces: "Sequence[Surface]", clip: Clip, fps: float) -> Floats:
+def _march_times(folds: "Sequence[Fold]", clip: Clip, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
-    rig = surfaces[0].fold.rig
+    rig = folds[0].rig
     grid = clip_grid(clip, rig, fps=fps)
     if len(grid) < 2:
         return grid
-    strides = np.stack([each.fold.hinge.strides(rig, clip, grid) for each in surfaces])
+    strides = np.stack([each.hinge.strides(rig, clip, grid) for each in folds])
     parts = np.ceil(np.abs(np.diff(strides, axis=1)).max(axis=0)).astype(int)
     # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))

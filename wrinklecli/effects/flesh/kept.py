@@ -9,7 +9,7 @@ from collections import OrderedDict
 import numpy as np
 
 from wrinklecli.effects.flesh.tissue import Body, Place, Swings, solution_key, solve
-from wrinklecli.effects.kept import stored
+from wrinklecli.effects.kept import keep, kept_solution
 from wrinklecli.numeric.elements import Tissue
 
 # Regions whose shapes this process keeps.
@@ -32,14 +32,11 @@ def swings_of(body: Body, place: Place, count: int) -> Swings:
     """
     key = solution_key(body, place, count)
     if key not in _kept:
-        _kept[key] = stored(
-            key,
-            lambda: solve(body, place, count),
-            read=lambda data: _read(data, count),
-            written=_written,
-            what="a solution of this region",
-            most=_MOST_BYTES,
-        )
+        swings = kept_solution(key, lambda data: _read(data, count), what="a solution of this region", most=_MOST_BYTES)
+        if swings is None:
+            swings = solve(body, place, count)
+            keep(key, lambda: _written(swings))
+        _kept[key] = swings
         if len(_kept) > _MOST:
             _kept.popitem(last=False)
     _kept.move_to_end(key)

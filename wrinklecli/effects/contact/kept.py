@@ -1,0 +1,137 @@
+"""Solved folds, kept by all that their solution depends on: where one tool of many moves, the other folds are found.
+
+A fold is a part of a refined mesh. Its solution depends on this part in the poses of sweeps and clips, as all tools and
+effects move it there, and not on the numbers of its vertices in the mesh. So the key is a digest of these poses.
+"""
+
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+
+from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.drive.table import LeaningTable, Table
+from wrinklecli.effects.contact.crease import Crease, Followed, Surface, border, sweep_way
+from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError
+from wrinklecli.frozen import dataclass
+from wrinklecli.numeric.arrays import Floats
+
+# Folds with their distances from what crosses, as `distances_from_crossings` gives these.
+Members = Sequence[tuple[Fold, Floats | None]]
+
+MOST_BYTES = 2**27
+"""Bytes of a stored solution at most: 9 shapes of 100,000 vertices, which no solver gets through, take a quarter."""
+
+
+@dataclass(frozen=True, slots=True)
+class SolvedSystem:
+    """The folds of a system.
+
+    Attributes:
+        given_up: The folds whose own motion cannot be resolved.
+        spanned: The others with the shapes that count, and their weights in each clip, by its number.
+    """
+
+    given_up: Sequence[tuple[Fold, GivenUp]]
+    spanned: Sequence[tuple[Crease, Mapping[int, Followed]]]
+
+
+# The records in a stored solution.
+_RECORDS = {
+    each.__name__: each for each in (SolvedSystem, GivenUp, Crease, Followed, LeaningTable, Table, Clip, Channel)
+}
+
+
+def solution_key(members: Members, clips: Mapping[int, Clip], times: Callable[[Clip], Floats], how: object) -> str:
+    """A digest of all that the solution of some folds depends on, besides this program.
+
+    Args:
+        members: The folds that are solved together.
+        clips: The clips by their numbers.
+        times: The (frames,) seconds of a clip at which the folds are marched.
+        how: What else decides how clips are solved.
+    """
+    digest = blake2b(digest_size=32)
+
+    def add(*parts: Any) -> None:
+        for each in map(np.ascontiguousarray, parts):
+            digest.update(f"{each.shape} {each.dtype.str} ".encode())
+            digest.update(each.tobytes())
+
+    digest.update(json.dumps(_plain((members[0][0].rig, clips, how), {}), default=repr).encode())
+    every = np.unique(np.concatenate([fold.vertices for fold, _ in members]))
+    for fold, apart in members:
+        add(np.searchsorted(every, fold.vertices), fold.triangles, fold.own, border(fold), fold.rest_positions)
+        add(fold.pivot, [fold.radius, fold.per_clip], np.zeros(0) if apart is None else apart)
+        ways = [(sweep_way(fold, lean, end), lean) for lean in fold.hinge.leanings for end in fold.hinge.ends]
+        sweeps = [(fold.hinge.turn(way, tilt=lean), np.linspace(0.0, 1.0, len(way))) for way, lean in ways]
+        for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
+            add(moments, *fold.hinge.reading(fold.rig, clip, moments), fold.hinge.strides(fold.rig, clip, moments))
+            for posed in fold.poses(clip, moments):
+                add(*posed)
+    return digest.hexdigest()
+
+
+def _plain(value: Any, numbers: Mapping[int, int]) -> Any:
+    """A value as JSON has it: records by their fields, and in place of known objects, by their ids, numbers."""
+    if id(value) in numbers:
+        return {"known": numbers[id(value)]}
+    if isinstance(value, np.ndarray):
+        return {"array": [value.shape, value.dtype.str, b64encode(value.tobytes()).decode()]}
+    if is_dataclass(value):
+        return {type(value).__name__: [_plain(getattr(value, each.name), numbers) for each in fields(value)]}
+    if isinstance(value, Mapping):
+        return {"map": [[key, _plain(each, numbers)] for key, each in value.items()]}
+    return [_plain(each, numbers) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def written(solved: SolvedSystem, members: Members, clips: Mapping[int, Clip]) -> bytes:
+    """The bytes of a solution."""
+    tissues = {id(crease.fold): crease.tissue for crease, _ in solved.spanned}
+    known = [*(fold for fold, _ in members), *(tissues.get(id(fold)) for fold, _ in members), *clips.values()]
+    numbers = {id(each): number for number, each in enumerate(known) if each is not None}
+    return json.dumps(_plain(solved, numbers)).encode()
+
+
+def read(data: bytes, members: Members, clips: Mapping[int, Clip]) -> SolvedSystem:
+    """Read a stored solution.
+
+    Raises:
+        LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds and clips.
+    """
+    tissues = []
+    for fold, apart in members:
+        try:
+            tissues.append(None if apart is None else Surface.of(fold, apart).tissue)
+        except UnresolvedError:
+            tissues.append(None)
+    known: list[Any] = [*(fold for fold, _ in members), *tissues, *clips.values()]
+
+    def value(entry: Any) -> Any:
+        if isinstance(entry, list):
+            return tuple(map(value, entry))
+        if not isinstance(entry, dict):
+            return entry
+        ((kind, content),) = [*entry.items()][:1]
+        if kind == "known":
+            return known[content]
+        if kind == "array":
+            shape, _, numbers = content
+            return np.frombuffer(b64decode(numbers), "<f8").reshape(shape)
+        return {key: value(each) for key, each in content} if kind == "map" else _RECORDS[kind](*map(value, content))
+
+    solved: SolvedSystem = value(json.loads(data))
+    found = [fold for fold, _ in (*solved.given_up, *((crease.fold, own) for crease, own in solved.spanned))]
+    if {id(each) for each in found} != {id(fold) for fold, apart in members if apart is not None}:
+        raise ValueError("its folds are others")
+    for crease, own in solved.spanned:
+        if crease.shapes.shape[1:] != (len(crease.vertices), 3) or [*own] != [*clips]:
+            raise ValueError("its folds or clips are others")
+        if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in own.values()):
+            raise ValueError("its weights are others")
+    return solved
