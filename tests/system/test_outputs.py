@@ -73,7 +73,9 @@ KEPT_APART = {
     ("track", "folder"): ("track baked.gltf limb.gltf run.gltf -o {}", (*CLIPS, "baked.gltf")),
 }
 # The other options that write: a test below has that of `schema`, `tests/batching/test_conflicts.py` those of `batch`.
-APART = {("schema", "output"), ("batch", "out"), ("batch", "report"), ("batch", "junit"), ("batch", "cache")}
+# Files of a cache have digests for names.
+OF_BATCH = {("batch", "out"), ("batch", "report"), ("batch", "junit"), ("batch", "cache")}
+APART = {("schema", "output"), ("bake", "cache"), *OF_BATCH}
 READ_ONLY = {"asset", "assets", "tools", "anims", "baked", "manifest", "a", "b", "presets"}
 
 
