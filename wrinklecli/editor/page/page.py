@@ -232,7 +232,11 @@ class Page:
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message in the corner of the view, or remove it."""
         self._said = paragraph_of(text, colour) if text else ""
-        show_changed(self._message, "content", over_view(self._said + self._found))
+        self.show_messages()
+
+    def show_messages(self) -> None:
+        """Show the message, the problems below it, and the legend of the view."""
+        show_changed(self._message, "content", over_view(self._said + self._found + self._viewport.legend))
 
     def _fail(self, error: BaseException) -> None:
         """Show an error; the page goes on."""
@@ -275,7 +279,7 @@ class Page:
             self.slow.put_later("warn", _WARN_SECONDS, self._warn)
         problems = "".join(map(self._problems_of, tools if chosen is None else [chosen]))
         self._found = problems or (paragraph_of(self._verdict, QUIET) if tools else "")
-        show_changed(self._message, "content", over_view(self._said + self._found))
+        self.show_messages()
         self._viewport.refresh()
         self._suggest_panel.refresh()
         self.player.refresh()
@@ -383,6 +387,7 @@ class Page:
 
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and with `look` turn the cameras to it, at the moment when it is tallest."""
+        self._pointer.give_up()
         self.commit()
         self.chosen = name
         self.refresh()

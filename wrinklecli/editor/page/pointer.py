@@ -100,14 +100,13 @@ class Pointer:
 
     def make_room(self, *, for_tool: bool) -> None:
         """Hide the buttons of new effects while a tool is shown."""
-        show_changed(self._buttons, "visible", not for_tool or self._new is not None)
+        show_changed(self._buttons, "visible", not for_tool)
 
     def _end(self) -> None:
         self._new, self._hits = None, []
         self._viewport.point_at(())
         self._viewport.seek(folds=False)
         self._show_buttons()
-        self.make_room(for_tool=self._page.chosen is not None)
 
     async def _clicked(self, event: viser.SceneClickEvent) -> None:
         origin, direction = np.array(event.ray_origin, float), np.array(event.ray_direction, float)

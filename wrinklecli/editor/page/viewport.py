@@ -27,7 +27,6 @@ from wrinklecli.editor.page.widgets import (
     add_shortcut,
     on_set,
     paragraph_of,
-    show_changed,
     value_within,
 )
 from wrinklecli.frozen import dataclass
@@ -54,7 +53,6 @@ _GROUND = (150, 152, 158)  # sRGB of light from below
 _AMBIENT = 0.9  # strength of the light from sky and ground
 _BACKGROUND = ((236, 239, 243), (203, 208, 215))  # sRGB above and below
 _BACKGROUND_ROWS = 64  # pixels, which the browser stretches and smooths
-_LEGEND_X, _LEGEND_WIDTH = 450, 230  # pixels: right of the player
 _UP = np.array([0.0, 1.0, 0.0])  # as in glTF
 _DEPTH = 100.0  # a camera sees from its distance over this to its distance times this
 
@@ -106,6 +104,7 @@ class Viewport:
         self._compressed: dict[Ground, Compressed] | None = None
         self._sought: dict[PlayableMesh, Floats] = {}  # its colours, which stay while a clip plays
         self._canvas: MaskCanvas | None = None  # that is painted
+        self._shows_heat, self._here = False, ""  # HTML of the compression under the mouse
         self._moment: tuple[str | None, float] = (None, 0.0)
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
@@ -128,11 +127,6 @@ class Viewport:
         tip = "Part of the view, from the left, that is shown without wrinkles. V shows a half so, or nothing."
         self._split: Any = gui.add_slider("split (%)", 0, 100, 1, 0, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
-        self._legend: Any = gui.add_panel(visible=heat)
-        with self._legend.add_tab("Compressed by"):
-            gui.add_html(_heat_legend())
-            self._here: Any = gui.add_html("")
-        self._legend.float(x=_LEGEND_X, y=-15, width=_LEGEND_WIDTH)
         for each in (self._look, self._wire):
             on_set(self._page, each, "bodies", self._show_bodies)
         own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
@@ -142,6 +136,11 @@ class Viewport:
         add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, "V")
         add_shortcut(self._page, "Heat: show the compression, or the textures", self._heat, "H")
         add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, "B")
+
+    @property
+    def legend(self) -> str:
+        """HTML of the colours of the compression, and of that under the mouse, while they are shown."""
+        return _heat_legend() + self._here if self._shows_heat else ""
 
     def _exchange(self) -> None:
         """Hide the wrinkles, or show them again."""
@@ -157,7 +156,7 @@ class Viewport:
         """Colour the surface by the greatest compression over all clips while a place that folds is sought."""
         if folds is not (self._compressed is not None):
             self._compressed, self._sought = {} if folds else None, {}
-            self._here.content = ""
+            self._here = ""
             self._show_bodies()
             if folds:
                 self._page.slow.put("seek", self._measure)
@@ -196,7 +195,8 @@ class Viewport:
         if hit is not None and found is not None:
             (loss,), (pose,) = found.at(hit.place[None])
             said = f"Here {100 * loss:.0f} %, at {found.peaks.times[pose]:.2f} s of {found.peaks.clips[pose].name}"
-        show_changed(self._here, "content", paragraph_of(said, QUIET) if said else "")
+        self._here = paragraph_of(said, QUIET) if said else ""
+        self._page.show_messages()
 
     def _halve(self) -> None:
         """Show the left half without wrinkles, or nothing."""
@@ -289,7 +289,8 @@ class Viewport:
         """Show meshes that are new or look different."""
         look: Look = self._look.value if self._compressed is None else "heat"
         look = look if self._canvas is None else "textures"
-        show_changed(self._legend, "visible", look == "heat")
+        self._shows_heat = look == "heat"
+        self._page.show_messages()
         nodes = [mesh.source.ground.rig.node for mesh in self.shown]
         paints = [self._baked_paints[node] if self._is_baked else self._painted(node) for node in nodes]
         self._bodies = tuple(body_of(mesh.source, each) for mesh, each in zip(self.shown, paints, strict=True))
@@ -476,8 +477,8 @@ def _heat_legend() -> str:
     last = HEAT[-1][0]
     stops = ", ".join(f"rgb{tuple(round(255 * c) for c in colour)} {100 * loss / last:.0f}%" for loss, colour in HEAT)
     ticks = "".join(f"<span>{100 * tick:.0f} %</span>" for tick in HEAT_TICKS)
-    return (
-        f'<div style="margin:4px 12px 0;height:12px;background:linear-gradient(90deg, {stops})"></div>'
+    return paragraph_of("compressed by", QUIET) + (
+        f'<div style="margin:0 12px;height:12px;background:linear-gradient(90deg, {stops})"></div>'
         f'<div style="margin:0 12px 6px;display:flex;justify-content:space-between;font-size:.75em">{ticks}</div>'
     )
 

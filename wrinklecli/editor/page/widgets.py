@@ -59,6 +59,9 @@ class PageHost(Protocol):
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message."""
 
+    def show_messages(self) -> None:
+        """Show what is said, with the legend of the view."""
+
     def refresh(self) -> None:
         """Show the session's state."""
 
