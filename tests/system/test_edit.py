@@ -133,7 +133,7 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('field_1 is new')")
             tab.press("h", code=72)
-            tab.wait("document.body.innerText.includes('Compressed by')")
+            tab.wait("document.body.innerText.includes('compressed by')")
             take_picture(tab, "field")
             tab.press("h", code=72)
             tab.press_button("Delete")
@@ -230,12 +230,13 @@ def test_a_row_switches_its_tool_a_place_shows_its_compression_and_shift_turns_t
 
             def hovered() -> bool:
                 tab.move(on_screen(page, place))
-                return f"Here {100 * loss:.0f} %, at" in viewport._here.content
+                return f"Here {100 * loss:.0f} %, at" in viewport._here
 
             until(hovered, "the compression under the mouse")
             take_picture(tab, "compression")
+            tab.press_button("a")
+            until(lambda: viewport._compressed is None and page.chosen == "a", "a row ends what was begun")
             tab.press("Escape", code=27)
-            until(lambda: viewport._compressed is None, "no place is sought any more")
 
             width, height = client.camera.image_width, client.camera.image_height
             eye, middle, side = client.camera.position.copy(), (width / 2, height / 2), (width - 20, height / 2)
