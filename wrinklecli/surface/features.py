@@ -22,11 +22,8 @@ from wrinklecli.numeric.arrays import (
 from wrinklecli.numeric.edges import Edges
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import Rest
-from wrinklecli.surface.rounding import FACETED, SHARP, normals_differ
+from wrinklecli.surface.rounding import CREASE, FACETED, SHARP, normals_differ
 
-# Cosine of the greatest angle of two faces with one normal between them that are no crease: a limb of five sides, drawn
-# smooth, has angles of 72°.
-_CREASE = float(np.cos(np.radians(80.0)))
 # Feature edges of a vertex that are looked at: two of a run, and a third where runs meet.
 _RUNS = 3
 
@@ -63,7 +60,7 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     hard = normals_differ(unit(surface.normals[surface.corners[faces]]), edges)
     normals = unit(face_normals(rest.positions, triangles))
     cosines = edges.way * np.sum(normals[edges.one // 3] * normals[edges.other // 3], axis=1)
-    sharp = (cosines < _CREASE) | (hard & (cosines < SHARP))
+    sharp = (cosines < CREASE) | (hard & (cosines < SHARP))
     inner = near[edges.pairs]
     creases = edges.pairs[sharp & inner & ~feature[edges.pairs]]
     if len(creases) and (hard | sharp)[inner].mean() <= FACETED:

@@ -44,6 +44,9 @@ from wrinklecli.surface.rest import Rest
 _SAME_NORMAL = float(np.cos(np.radians(5.0)))
 # An edge is hard, whatever the normals, if its two faces enclose more than 50°.
 SHARP = float(np.cos(np.radians(50.0)))
+# Cosine of the greatest angle of two faces with one normal between them that are no crease: a limb of five sides, drawn
+# smooth, has angles of 72°.
+CREASE = float(np.cos(np.radians(80.0)))
 # If more than this fraction of a region's edges is hard, all are: the mesh is meant to be faceted.
 FACETED = 0.5
 # Greatest offset over the region's greatest displacement at a strength of 1.
@@ -103,7 +106,7 @@ def bends(surface: Surface, positions: Floats) -> tuple[Floats, Floats]:
     Returns:
         (vertices,) sums over the edges of each vertex, twice.
     """
-    edges, hard, cosines = _hard_among(surface, positions, np.arange(len(surface.triangles)))
+    edges, hard, cosines = _hard_among(surface, positions, np.arange(len(surface.triangles)), CREASE)
     ends = edges.vertices[edges.pairs]
     lengths = np.linalg.norm(positions[ends[:, 1]] - positions[ends[:, 0]], axis=1)
     bent = np.arccos(np.clip(cosines, -1.0, 1.0)) * lengths
@@ -115,8 +118,11 @@ def bends(surface: Surface, positions: Floats) -> tuple[Floats, Floats]:
     return at_hard, at_all
 
 
-def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges, Bools, Floats]:
-    """The edges of some faces, (edges,) True for those that are hard, and (pairs,) cosines between two faces."""
+def _hard_among(surface: Surface, positions: Floats, faces: Ints, sharp: float = SHARP) -> tuple[Edges, Bools, Floats]:
+    """The edges of some faces, (edges,) True for those that are hard, and (pairs,) cosines between two faces.
+
+    An edge with one normal on both sides is hard if its cosine is below `sharp`.
+    """
     triangles = surface.triangles[faces]
     edges = Edges.of(triangles)
     hard = np.zeros(len(edges.vertices), np.bool_)
@@ -126,7 +132,7 @@ def _hard_among(surface: Surface, positions: Floats, faces: Ints) -> tuple[Edges
     hard[edges.of_faces[without | np.roll(without, -1, axis=1)]] = True
     flat = unit(face_normals(positions, triangles))
     cosines = edges.way * np.sum(flat[edges.one // 3] * flat[edges.other // 3], axis=1)
-    hard[edges.pairs] |= (cosines < SHARP) | normals_differ(authored, edges)
+    hard[edges.pairs] |= (cosines < sharp) | normals_differ(authored, edges)
     return edges, hard, cosines
 
 

@@ -91,8 +91,7 @@ class Field(EffectTool):
     )
     stops: Stops = key(
         one_of("features", "none"),
-        "Where wrinkles fade out: at features (open borders, seams of materials, sharp creases), or none. Default "
-        "features.",
+        "Where wrinkles fade out: at features (open borders, seams of materials, facets), or none. Default features.",
         "features",
     )
     material: MaterialName = key(

@@ -86,6 +86,17 @@ def test_flat_places_beside_smooth_ones_get_none() -> None:
     assert near(field, side > 0.05) == 1.0
 
 
+def test_folds_run_over_a_crease_within_cloth() -> None:
+    """A limb of six sides is drawn smooth, except at an edge along its compressed side, such as a pressed crease."""
+    asset = flat_shaded(tube(sides=6, indices=None), uneven=False)
+    positions, normals = attribute(asset, 0, "POSITION"), attribute(asset, 0, "NORMAL")
+    smooth = positions[:, 1] < positions[:, 1].max() - 1e-6
+    normals[smooth] = (positions * [0.0, 1.0, 1.0] / np.hypot(positions[:, 1:2], positions[:, 2:]))[smooth]
+    ground, field = attached(asset, wavelength="20%")
+    crease = ground.rest.positions[:, 1] > ground.rest.positions[:, 1].max() - 1e-6
+    assert near(field, crease) > 0.5
+
+
 @pytest.mark.slow
 def test_a_field_lies_on_its_substances() -> None:
     """One half of the tube has the colour of a face."""

@@ -154,7 +154,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         slack=tool.slack,
         allowed=allowed,
     )
-    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES, late=tool.contact is not None)
+    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
     tallest = float(measured.heights.max())
     if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
@@ -253,7 +253,8 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Ave
         found *= np.clip((_MOST_FACETED - faceted) / (_MOST_FACETED - FACETED), 0.0, 1.0)
         if not found.any():
             raise BakeError(f"{name} is faceted: a field needs a smooth surface with normals", where=tool.where)
-        ends = cut_at_features(ground, members, wavelength).features
+        # Folds run over the creases within cloth, such as a pocket's: no run of these is long enough to be a feature.
+        ends = cut_at_features(ground, members, np.inf).features
         if len(ends):
             places = sheet.positions[ends]
             near, _ = nearest_of(np.concatenate([places[:, 0], places.mean(axis=1), places[:, 1]]), sheet.positions)
