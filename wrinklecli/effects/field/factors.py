@@ -2,9 +2,8 @@
 
 Each turn gets its own shapes, with weights that are tables of its angle: other shapes one way than the other, as what
 is compressed one way is stretched the other. Those of one side take turns as it bends: each begins where the one before
-it is greatest, and ends where the next one is, so at its end it bends with the last one alone, as a deep bend has no
-room for the others. Heights of several turns do not add up, since they go with the root of the compression: so shapes
-and tables are fitted to mixtures of turns, too.
+it ends, so that what has no room in a deep bend is lowered there alone. Heights of several turns do not add up, since
+they go with the root of the compression: so shapes and tables are fitted to mixtures of turns, too.
 
 Source: A. Cichocki, R. Zdunek, S. Amari, *Hierarchical ALS Algorithms for Nonnegative Matrix and 3D Tensor
 Factorization*, ICA 2007: one row after the other takes its best values beside all others. Differs: the weights in poses
@@ -13,6 +12,7 @@ near its joint.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,9 +22,8 @@ from wrinklecli.numeric.arrays import Floats, Ints
 
 # Rounds in which all shapes and tables are fitted: twice as many change the error by a five-hundredth of it.
 _ROUNDS = 20
-# Most shapes of a side: a deep bend folds other places than a slight one, and hides some. Each step of a sweep would
-# have its own beyond that.
-_MOST_OF_SIDE = 3
+# Most shapes of a side: a deep bend folds other places than a slight one, and hides some.
+_MOST_OF_SIDE = 2
 # Part of the greatest height of all below which a turn folds nothing, and part of a side's heights, root mean square,
 # that its shapes may miss.
 _LEAST = 0.05
@@ -91,18 +90,14 @@ class Factors:
         return found, mix
 
 
-def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int, *, late: bool = False) -> Factors:
-    """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count.
-
-    If `late`, the shapes of a side are closer to each other at its end, where contact lowers them by and by, than at
-    its beginning, where heights change most.
-    """
+def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
+    """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count."""
     scale = float(heights.max(initial=0.0))
     sizes = np.sqrt(areas / areas.sum())
     turns, shapes, limits, tables = [], [], [], []
     sides = _folding(sweeps, heights, sizes, scale)
     for side, count in _chosen(sides, most):
-        for table in _tables(sweeps, side, count, late):
+        for table in _tables(sweeps, side, count):
             weights = np.interp(sweeps.angles[side.numbers, side.turn], sweeps.turns[side.turn].angles, table)
             turns.append(side.turn)
             tables.append(table)
@@ -195,13 +190,13 @@ def _chosen(sides: Sequence[_Side], most: int) -> list[tuple[_Side, int]]:
     return sorted(found, key=lambda pair: pair[0].turn)
 
 
-def _tables(sweeps: Sweeps, side: _Side, count: int, late: bool) -> Floats:
-    """(shapes, angles) tables of a side, each greatest at a step of the sweep and 0 from there to its neighbours'."""
+def _tables(sweeps: Sweeps, side: _Side, count: int) -> Floats:
+    """(shapes, angles) tables of a side, each rising from where the one before it ends, and 0 from its own end on."""
     angles, own = sweeps.turns[side.turn].angles, sweeps.angles[side.numbers, side.turn]
     steps = np.where(angles * own[0] > 0, np.abs(np.arange(len(angles)) - np.searchsorted(angles, 0.0)), 0)
-    even = np.linspace(0, len(own), count + 1)
-    tops = np.ceil(even) if late else np.floor(even)
-    return np.stack([np.interp(steps, tops, row) for row in np.eye(count + 1)[1:]])
+    ends = np.ceil(np.linspace(0, len(own), count + 1))
+    acting = [(steps > 0) & (steps >= start) & (steps <= end) for start, end in pairwise(ends)]
+    return np.stack([np.where(each, steps - start + 0.5, 0.0) for each, start in zip(acting, ends[:-1], strict=True)])
 
 
 def _merged(tables: Sequence[Floats], products: Floats) -> tuple[Floats, Floats]:
