@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 import wrinklecli
 from wrinklecli.errors import AssetError, BakeError, log
-from wrinklecli.numeric.memory import allowed_memory, is_lack, shown_bytes
+from wrinklecli.numeric.memory import allowed_memory, is_lack, keep_freed, shown_bytes
 
 # Called with the name of a stage, steps done and steps in all.
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -49,6 +49,7 @@ def guarded(asset: str) -> Iterator[None]:
         AssetError: A number overflowed or is undefined.
         BakeError: There is too little memory.
     """
+    keep_freed()
     try:
         with np.errstate(all="raise", under="ignore"), one_thread():
             yield
