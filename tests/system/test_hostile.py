@@ -32,6 +32,7 @@ from kit.visits import VISITS
 from wrinklecli import bake
 from wrinklecli.cli import cli
 from wrinklecli.errors import BakeError, WrinkleError
+from wrinklecli.gltf import new_data
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.memory import MAX_VERTICES
 
@@ -444,7 +445,8 @@ def test_full_disk_leaves_the_old_file(
 
 def test_full_disk_for_temporary_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, settings = limb_asset(**SMALL).write(tmp_path / "limb.glb"), write_tools(tmp_path / "tools.yaml")
-    monkeypatch.setattr(tempfile.SpooledTemporaryFile, "write", _full)
+    monkeypatch.setattr(new_data, "_SPOOL_BYTES", 2**10)
+    monkeypatch.setattr(tempfile, "TemporaryFile", _full)
     with pytest.raises(BakeError, match="cannot be written: No space left"):
         bake(path, settings, tmp_path / "out.glb")
     assert not (tmp_path / "out.glb").exists()

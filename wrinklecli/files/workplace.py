@@ -6,7 +6,6 @@ unknown to other machines, so their folders are kept for a week.
 
 import os
 import re
-import shutil
 import stat
 import time
 from collections.abc import Iterator
@@ -126,6 +125,8 @@ def _remove(path: str) -> None:
 
 def _remove_one(path: str) -> None:
     if stat.S_ISDIR(os.lstat(path).st_mode):
+        import shutil  # it imports all kinds of archives
+
         shutil.rmtree(path, ignore_errors=True)
     else:
         os.unlink(path)

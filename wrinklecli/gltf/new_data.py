@@ -3,7 +3,7 @@
 Source: glTF 2.0 specification, §3.6 (binary data storage).
 """
 
-import tempfile
+import io
 import weakref
 from collections.abc import Iterator
 from typing import IO
@@ -26,9 +26,7 @@ class NewData:
     def __init__(self) -> None:
         self.zeros = 0
         self._appended = 0
-        # Per-frame geometry may be gigabytes.
-        self._file: IO[bytes] = tempfile.SpooledTemporaryFile(max_size=_SPOOL_BYTES)  # noqa: SIM115
-        weakref.finalize(self, self._file.close)
+        self._file: IO[bytes] = io.BytesIO()
 
     def __len__(self) -> int:
         return self.zeros_start + self.zeros if self.zeros else self._appended
@@ -42,12 +40,24 @@ class NewData:
         """Append data at a multiple of 4 bytes, and give its offset; BakeError if the disk is full."""
         start = aligned(self._appended)
         try:
+            if start + len(data) > _SPOOL_BYTES and isinstance(self._file, io.BytesIO):
+                self._go_to_disk(self._file.getbuffer())
             self._file.seek(self._appended)
             self._file.write(bytes(start - self._appended) + data)
         except OSError as error:
-            raise BakeError(f"cannot be written: {error.strerror or error}", where=tempfile.gettempdir()) from error
+            from tempfile import gettempdir
+
+            raise BakeError(f"cannot be written: {error.strerror or error}", where=gettempdir()) from error
         self._appended = start + len(data)
         return start
+
+    def _go_to_disk(self, data: memoryview) -> None:
+        """Go on in a temporary file, as per-frame geometry may be gigabytes."""
+        from tempfile import TemporaryFile  # it imports all kinds of archives, and most documents are small
+
+        self._file = TemporaryFile()  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
+        self._file.write(data)
 
     def pieces(self) -> Iterator[bytes]:
         """All data in pieces, as there may be more than memory holds."""
