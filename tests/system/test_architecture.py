@@ -18,6 +18,7 @@ ROOMS = re.findall(r"^\| \[(\w+)\]\(\1(?:\.py)?\) \|", (PACKAGE / "README.md").r
 # Who may import a library: modules, or all of a folder. Any module may import those that are not here.
 DOORS = {
     "yaml": {"tools/yaml_edit", "tools/yaml_tree"},
+    "jsonschema_rs": {"tools/checked"},
     "pygltflib": {"editor/page/painted_mesh"},
     "DracoPy": {"gltf/draco"},
     "zstandard": {"baking/original"},
@@ -42,6 +43,7 @@ HEAVY = (
     "numpy",
     "scipy",
     "igl",
+    "jsonschema_rs",
     "pygltflib",
     "trimesh",
     "yaml",
