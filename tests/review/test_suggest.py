@@ -239,7 +239,10 @@ def test_a_budget_keeps_what_fits(tmp_path: Path) -> None:
     assert 0 < tool.gpu_bytes < 8e6
     assert suggest_once(path, count=1, budget=tool.gpu_bytes).tools == (tool,)
     poor = suggest(path, count=1, budget=1)
-    assert (poor.tools, poor.reason) == ((), "nothing is worth it, as the notes say")
+    assert (poor.tools, poor.reason) == (
+        (),
+        "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand",
+    )
     assert poor.dropped[0].line.endswith(" on a GPU, more than --budget leaves")
 
 

@@ -236,6 +236,6 @@ def _written(
         refuse_unwritable(text, document, found.tools, [each.field for each in fields])
         reason = ""
     elif found.dropped:
-        reason = "nothing is worth it, as the notes say"
+        reason = "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand"
     inputs, notes = (*files_of(document), *beside), (*notes, *found.summary)
     return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))
