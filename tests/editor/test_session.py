@@ -4,6 +4,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import wrinklecli
 from kit.asset import Array
 from kit.fields import sleeve, sleeve_and_field
 from kit.flesh import body
+from kit.folds import knees
 from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
@@ -81,6 +83,27 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     assert [tool.problem for tool in again.tools()] == [None] * 3
     bake_saved(again)
     assert (tmp_path / "limb_wrinkled_wrinkled.glb").read_bytes() == out.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_bake_solves_no_fold_again_that_has_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ipctk", reason="needs the extra `contact`")
+    from wrinklecli.effects.contact import sample
+
+    solve, solved = sample._solved_system, list[object]()
+
+    def logged(members: Any, **options: Any) -> Any:
+        solved.append(members)
+        return solve(members, **options)
+
+    monkeypatch.setattr(sample, "_solved_system", logged)
+    session = Session(*knees(inwards=0.0, angle=90.0, sides=8).write(tmp_path, contact="resolve"))
+    first = bake_saved(session)
+    count = len(solved)
+    assert count
+    again = bake_saved(session)
+    assert len(solved) == count
+    assert again.document.buffers == first.document.buffers
 
 
 def test_an_asset_with_wrinkles_that_no_record_tells_of_is_shown_as_it_is(tmp_path: Path) -> None:

@@ -7,7 +7,9 @@ from wrinklecli.baking.pipeline import bake
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.attached import PlayableMesh, ShownMesh
+from wrinklecli.editor.clip_cache import RecentResults
 from wrinklecli.editor.session import Session
+from wrinklecli.effects.kept import solutions_in
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.numeric.guard import Progress, guarded, log_progress
@@ -53,6 +55,26 @@ class BakedFile:
         return [ShownMesh(each, each.posed(played, time)) for each in self.sources]
 
 
+@dataclass(frozen=True, slots=True)
+class _Solutions:
+    """A store in memory: the next bake of a session solves no fold and no flesh again that has not changed."""
+
+    results: RecentResults
+
+    def find(self, key: str, _most: int) -> bytes | None:
+        """The solution of a key; None if there is none."""
+        data: bytes | None = self.results.get(key)
+        return data
+
+    def keep(self, key: str, data: bytes) -> None:
+        """Keep a solution."""
+        self.results.get_or_make(key, lambda: data)
+
+    def refuse(self, _key: str, reason: str) -> None:
+        """Nothing damages them."""
+        raise AssertionError(reason)
+
+
 def bake_saved(session: Session, progress: Progress = log_progress) -> BakedFile:
     """Bake the saved tools file of a session into the file's folder. The session may be used meanwhile.
 
@@ -67,5 +89,6 @@ def bake_saved(session: Session, progress: Progress = log_progress) -> BakedFile
         max_memory=options.max_memory,
         replace=True,  # the editor too shows the original of a baked asset
     )
-    report = bake(session.asset, session.path, out, bake_options, progress=progress)
+    with solutions_in(_Solutions(session.solutions)):
+        report = bake(session.asset, session.path, out, bake_options, progress=progress)
     return BakedFile.read(out, options, "\n".join((f"{out}: {report.summary}", *report.warnings)), text)
