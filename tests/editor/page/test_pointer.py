@@ -32,10 +32,10 @@ DOWN = np.array([0.0, -1.0, 0.0])
 
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """A page of a limb with two tools, on the thread of the test."""
+    """A page of a limb of four sides, too few for a field, with two tools, on the thread of the test."""
     folder = tmp_path_factory.mktemp("page")
     (folder / "limb.yaml").write_text(TOOLS)
-    page = Page(Session(limb(folder / "limb.glb", rings=8, sides=6)))
+    page = Page(Session(limb(folder / "limb.glb", rings=8, sides=4)))
     page.stop_work()
     page.player.go(None, 0.0)
     yield page
@@ -178,7 +178,7 @@ def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(p
 @pytest.mark.slow
 def test_a_drag_that_pauses_is_one_step_to_undo(tmp_path: Path) -> None:
     (tmp_path / "limb.yaml").write_text(TOOLS)
-    page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=6)))
+    page = Page(Session(limb(tmp_path / "limb.glb", rings=8, sides=4)))
     try:
         page.work.put("choose", lambda: page.choose("a", look=False))
         until(lambda: page.chosen == "a", "a chosen tool")
