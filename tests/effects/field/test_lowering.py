@@ -73,7 +73,7 @@ def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
 @pytest.mark.slow
 @pytest.mark.parametrize("levels", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_field_with_contact_never_crosses_more_than_the_skin(levels: int) -> None:
-    free, held = (planned(contact, 80.0, levels) for contact in ("off", "resolve"))
+    free, held = (planned(contact, 85.0, levels) for contact in ("off", "resolve"))
     skin = crossing(*free, 0.0)
     assert skin.max() > 0
     assert crossing(*free, 1.0).sum() > skin.sum()
