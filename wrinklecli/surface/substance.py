@@ -15,14 +15,15 @@ from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import SUBSTANCES, MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
-from wrinklecli.errors import shortened
+from wrinklecli.errors import AssetError, TooMuchError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
 from wrinklecli.numeric.portions import portions
-from wrinklecli.surface.ground import Ground
+from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.strain import Gauge, read_gauge
 from wrinklecli.surface.swatch import SAMPLED, Pictures, Swatches
+from wrinklecli.tools.records import ToolsFile
 
 # The reason of a substance that the user gives.
 BY_USER = "as --material says"
@@ -434,6 +435,27 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
     return None
 
 
+def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | None:
+    """(3,) as `find_bare_skin`, in all meshes of the file: a coat may show no hand, and be as brown as one."""
+    document, known = ground.document, ground.neighbours.bare_skin
+    if not known:
+        shown = {
+            each["mesh"]: node for node, each in enumerate(document.items("nodes")) if {"mesh", "skin"} <= set(each)
+        }
+        meshes = []
+        for node in shown.values():
+            try:
+                other = read_ground(document, node, [], ToolsFile(path=document.path), ())
+            except TooMuchError:
+                raise
+            except AssetError:
+                continue
+            gauge = read_gauge(other.surface, other.rest, other.rig)
+            meshes.append((gauge, read_makeup(document, other.rig, gauge, pictures=ground.pictures)))
+        known.append(find_bare_skin(meshes, parts))
+    return known[0]
+
+
 def is_animal(rig: Rig) -> bool:
     """True if a rig has a tail."""
     return any(_TAIL.search(words_of(rig.names[joint])) for joint in rig.joints.tolist())
@@ -463,7 +485,7 @@ def substances_at(ground: Ground, size: float) -> Ints:
     hints = read_hints(document, rig, animal=animal)
     makeup = replace(read_makeup(document, rig, gauge, pictures=ground.pictures), hints=hints, animal=animal)
     if not animal:
-        makeup = replace(makeup, bare=find_bare_skin([(gauge, makeup)], bodies))
+        makeup = replace(makeup, bare=_bare_skin_beside(ground, bodies))
     areas, nodes = gauge.areas, rig.joints[surface.heaviest][gauge.triangles[:, 0]]
 
     def of_places(places: Sequence[Ints], *, by_morph: bool) -> None:
