@@ -1,6 +1,6 @@
 """Folds whose own motion is solved, as a bake does it, in this process."""
 
-from wrinklecli.effects.contact.crease import Crease, Surface, distances_from_crossings, poses_of_sweeps, resolve
+from wrinklecli.effects.contact.crease import Crease, Surface, distances_from_crossings, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.numeric.arrays import Ints
 
@@ -10,6 +10,7 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     apart = distances_from_crossings(fold, further)
     assert apart is not None
     surface = Surface.of(fold, apart)
-    poses = poses_of_sweeps([surface.sweep(0, end) for end in fold.hinge.ends])
-    leaning = [pose for each in surface.leaning_sweeps for pose in surface.sweep(*each).poses]
-    return resolve(surface, [*poses, *leaning], share=0.35, most=most)
+    sweeps = [surface.sweep(each) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
+    assert surface.given_up(sweeps[: len(fold.hinge.straight)]) is None
+    poses = [pose for each in sweeps for pose in each.poses(each.touching)]
+    return resolve(surface, poses, sweeps, share=0.35, most=most)

@@ -15,12 +15,13 @@ from kit.asset import attribute
 from kit.bent_tube import SIDES, tube
 from kit.creases import resolved
 from kit.limb import limb_asset, tool, write_tools
+from kit.prepared import prepare
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact import crease as creases
+from wrinklecli.effects.contact.crease import MarchedClip, Surface
 from wrinklecli.effects.contact.fitting import fit_poses
 from wrinklecli.effects.contact.fold import RINGS
-from wrinklecli.effects.contact.given_up import UnresolvedError
+from wrinklecli.effects.contact.hinge import hinge_of
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, _error_weights, free_rows
 from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
@@ -84,18 +85,23 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     assert free[near].all()
 
 
-FAR, BEGUN = SimpleNamespace(far=True), SimpleNamespace(far=False)
-
-
-@pytest.mark.parametrize(("poses", "raises"), [((), True), ((BEGUN,), True), ((BEGUN, FAR), False)])
-def test_a_straight_sweep_that_settles_nowhere_beyond_30_degrees_ends_the_search(
-    poses: tuple[Any, ...], raises: bool
+@pytest.mark.parametrize(("degrees", "given_up"), [((), True), ((20.0,), True), ((20.0, 31.0), False)])
+def test_a_fold_whose_motion_settles_nowhere_beyond_30_degrees_is_given_up(
+    degrees: tuple[float, ...], *, given_up: bool
 ) -> None:
-    reason: Any = SimpleNamespace(reason="it is torn")
-    failed: Any = SimpleNamespace(failed=UnresolvedError(reason), poses=poses)
-    sound: Any = SimpleNamespace(failed=None, poses=(BEGUN,))
-    if raises:
-        with pytest.raises(UnresolvedError, match="it is torn"):
-            creases.poses_of_sweeps([failed, sound])
+    """Contact acts at some angles of one sweep, which then has a fault at 40°; the other sweep has none."""
+    prepared = prepare(limb_asset(rings=9, sides=8), tool())
+    hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
+    surface = Surface(SimpleNamespace(hinge=hinge, rig=prepared.rig), SimpleNamespace())  # type: ignore[arg-type]
+    found: Any = object()
+    angles = np.radians([0.0, 10.0, 20.0, 31.0, 40.0])
+    clip, times = hinge.turn(angles), np.linspace(0.0, 1.0, 5)
+    solutions = tuple(found if each in degrees else None for each in (0.0, 10.0, 20.0, 31.0, 40.0))
+    failed, sound = MarchedClip(clip, times, solutions, {4: "is torn"}), MarchedClip(clip, times[:2], (None, found), {})
+    assert surface.given_up([sound, sound]) is None
+    reason = surface.given_up([failed, sound])
+    if given_up:
+        assert reason is not None
+        assert (reason.reason, reason.degrees) == ("is torn", pytest.approx(40.0, abs=0.1))
     else:
-        assert creases.poses_of_sweeps([failed, sound]) == [*poses, BEGUN]
+        assert reason is None

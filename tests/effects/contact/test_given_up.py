@@ -21,9 +21,9 @@ from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact import march, solution, tearing
-from wrinklecli.effects.contact.crease import Crease, Surface, Sweep
-from wrinklecli.effects.contact.given_up import UNSETTLED, GivenUp, UnresolvedError
-from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.crease import Crease, MarchedClip, Surface
+from wrinklecli.effects.contact.given_up import UNSETTLED
+from wrinklecli.effects.contact.hinge import DEEPEST, STRIDE, Sweep
 from wrinklecli.effects.contact.remaining import FADE as STRIDES
 from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
 from wrinklecli.errors import RefusedError
@@ -32,7 +32,7 @@ from wrinklecli.review.crossings import crossings
 TOOL: Json = {"bumps": 2, "max_height": "10%"}
 NOISE = 0.08
 # Seconds over which contact fades in a limb that is bent by 100° in a second, or by 75° as `folding_limb`.
-FADE, SLOWER = (STRIDES * float(np.degrees(Hinge.stride)) / angle for angle in (100.0, 75.0))
+FADE, SLOWER = (STRIDES * float(np.degrees(STRIDE)) / angle for angle in (100.0, 75.0))
 # Seconds between two frames, from the first of which on a fade may begin.
 FRAME = 1.0 / 30.0
 
@@ -369,15 +369,15 @@ def test_a_fold_that_its_own_motion_gives_up_is_solved_no_further(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither motions about leaning axes nor clips are solved for it."""
-    solved = list[int]()
+    solved = list[float]()
 
-    def failing(_surface: Surface, number: int, _end: float) -> Sweep:
-        solved.append(number)
-        return Sweep([], UnresolvedError(GivenUp(UNSETTLED, 1)))
+    def failing(_surface: Surface, sweep: Sweep) -> MarchedClip:
+        solved.append(sweep.deepest)
+        return MarchedClip(sweep.clip, sweep.times[:2], (None, None), {1: UNSETTLED})
 
     monkeypatch.setattr(Surface, "sweep", failing)
     monkeypatch.setattr(Surface, "march", lambda *_: pytest.fail("a clip is solved"))
     asset, tools = FOLDS["low_poly"]().write(tmp_path, contact="resolve")
     (fold,) = wrinklecli.bake(asset, tools, tmp_path / "out.glb", jobs=1).data["folds"]
     assert fold["given_up"]["reason"] == UNSETTLED
-    assert set(solved) == {0}
+    assert set(solved) == {DEEPEST}

@@ -7,7 +7,7 @@ import pytest
 
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
-from wrinklecli.effects.contact.hinge import hinge_of
+from wrinklecli.effects.contact.hinge import STRIDE, hinge_of
 
 
 def axis_of(prepared: Prepared, *numbers: int, turned: np.ndarray) -> np.ndarray:
@@ -52,14 +52,22 @@ def test_the_axis_is_one_of_the_joints_own_where_one_is_near(off: float, *, is_o
     assert degrees == pytest.approx(off if is_own else 0.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("degrees", [-80.0, -10.0, 35.0, 100.0])
-def test_the_sweeps_of_a_hinge_are_found_at_their_rows_and_slants(degrees: float) -> None:
+@pytest.mark.parametrize("degrees", [(-80.0, 0.0), (-10.0, 100.0), (0.0, 35.0)])
+def test_the_sweeps_of_a_hinge_are_found_at_their_rows_and_slants(degrees: tuple[float, float]) -> None:
     prepared = prepare(limb_asset(rings=9, sides=8), tool())
     hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
-    angles = np.radians([0.0, degrees / 2.0, degrees])
-    for number, tilt in enumerate(hinge.leanings):
-        reading = hinge.reading(prepared.rig, hinge.turn(angles, tilt=tilt), np.linspace(0.0, 1.0, 3))
-        assert reading.rows == pytest.approx(hinge.rows(angles, tilt=tilt), abs=1e-9)
+    least, most = np.radians(degrees)
+    hinge = replace(hinge, least=least, most=most)
+    ends = [end for end in (least, most) if end]
+    assert len(hinge.straight) == len(ends)
+    assert len(hinge.leaning) == 4 * len(ends)
+    for number, (clip, times, _) in enumerate([*hinge.straight, *hinge.leaning]):
+        reading = hinge.reading(prepared.rig, clip, times)
+        side, end = number // len(ends), ends[number % len(ends)]
+        # The part of a turn about an axis that leans by 10° which is about the hinge's own.
+        part = np.cos(np.radians(10.0)) if side else 1.0
+        assert reading.rows[-1] == pytest.approx(2.0 * np.arctan(part * np.tan(end / 2.0)), abs=1e-9)
+        assert np.abs(np.diff(reading.rows)).max() < (2.001 if side else 1.001) * STRIDE
         shares = reading.slants[1:] @ hinge.towards.T
-        wanted = np.eye(4)[number - 1] if number else np.zeros(4)
-        assert np.clip(shares, 0.0, None) == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-9)
+        wanted = np.eye(4)[side - 1] if side else np.zeros(4)
+        assert np.clip(shares, 0.0, None) == pytest.approx(np.tile(wanted, (len(shares), 1)), abs=1e-6)

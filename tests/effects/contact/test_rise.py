@@ -21,11 +21,11 @@ def test_wrinkles_rise_evenly_to_their_tallest(keys: dict[str, object]) -> None:
     assert bent_node(patch, rig) is None
     rise = rise_of(patch, rig)
     assert rise is not None
-    times = np.linspace(0.0, 1.0, 17)
-    rows = rise.rows(times)
+    ((motion, times, _),) = rise.straight
+    rows = rise.reading(rig, motion, times).rows
     assert rows[0] == pytest.approx(0.0, abs=1e-6)
     assert (np.diff(rows) > 0).all()
-    amplitudes, _ = patch.curve.follow(*rise.patch.segment.lengths(rig, rise.motion, times)[:2])
+    amplitudes, _ = patch.curve.follow(*rise.patch.segment.lengths(rig, motion, times)[:2])
     heights = patch.curve.heights(amplitudes).max(axis=1)
     # Heights follow the square root of the shortening, of which the first sixteenth would give a quarter of the height.
     assert np.diff(heights) == pytest.approx(heights[-1] / 16, rel=0.1)

@@ -119,11 +119,10 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     assert distances_from_crossings(fold) is None
     assert not len(crossing_in_clips(fold, []))
     crease = resolved(fold, most=4, further=crossing_in_clips(fold, clips))
-    assert not crease.poses
     assert not len(crease.shapes)
     solved = crease.march(clips[0], np.linspace(clips[0].start, clips[0].end, 31))
     assert crease.follow(solved).crossing
-    wider = resolve(crease, [*solved.poses(solved.touching)], share=0.35, most=4)
+    wider = resolve(crease, [*solved.poses(solved.touching)], [], share=0.35, most=4)
     assert not wider.follow(solved).crossing
 
 

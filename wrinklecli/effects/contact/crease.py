@@ -1,13 +1,15 @@
 """Creases: the contact in a fold as few fixed shapes for any clip, solved for the joint's own motion.
 
-The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. Each clip is solved,
-too. The solutions of sweeps and clips are compressed together into few shapes. The weights of a clip are fitted to its
-solutions, pose by pose. Players look them up by the joint's turn, also in clips that were never baked.
+The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. A sweep is a clip like
+those of the asset: it is solved, some of its poses are compressed with those of other clips into few shapes, and the
+weights of these are fitted to its solutions, pose by pose. Players look them up by the joint's turn, also in clips that
+were never baked.
 """
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,8 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
-from wrinklecli.effects.contact.given_up import (
-    DEGENERATE,
-    GivenUp,
-    UnresolvedError,
-    degenerate_given_up,
-)
-from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.given_up import DEGENERATE, TORN, GivenUp, UnresolvedError
+from wrinklecli.effects.contact.hinge import Hinge, Sweep
 from wrinklecli.effects.contact.rise import Rise
 from wrinklecli.effects.contact.solution import (
     March,
@@ -34,18 +31,12 @@ from wrinklecli.effects.contact.solution import (
 )
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, interpolated
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
-# A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius,
-_DEEPEST = 36.0
-# and by a quarter if the axis leans. Deeper leaning sweeps would ask for more shapes than clips have use for.
-_DEEPEST_LEANING = 18.0
-# Strides between two poses of a leaning sweep, which only adds to the others.
-_LEANING_STRIDES = 2.0
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
 # Poses from rest to the beginning of a clip that is folded there, or to the pose to which a clip jumps.
@@ -61,8 +52,8 @@ _SHOWN_ERROR = 0.01
 _MOST_ROWS = 32
 # Most clips of which there are rows: a player looks at each row in each frame.
 _MOST_PATHS = 16
-# A bend of 30°, radians, beyond which some pose must settle; about half of a rise.
-_FAR = float(np.radians(30.0))
+# Strides from rest beyond which some pose must settle: a bend of 30°, or about half of a rise.
+_FAR = 7.5
 # Sine of half of the turn below which a joint is in its stored pose: rounding.
 _AT_REST = 1e-4
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights. With 8, two
@@ -142,41 +133,26 @@ class Surface:
         """(free,) sorted fine welded vertices that the solver may move."""
         return self.fold.vertices[free_rows(self.tissue)]
 
-    @property
-    def leaning_sweeps(self) -> list[tuple[int, float]]:
-        """The sweeps whose axis leans: the number of a leaning, and where the sweep ends."""
-        return [(number, end) for number in range(1, len(self.fold.hinge.leanings)) for end in self.fold.hinge.ends]
-
-    def sweep(self, number: int, end: float) -> "Sweep":
-        """Solve the sweep of a leaning, by its number, to an end.
-
-        A sweep ends before the first pose that does not settle, is torn, or takes too many steps. Nobody may ever bend
-        the joint as far, and clips that do are solved themselves.
-        """
-        fold, lean = self.fold, self.fold.hinge.leanings[number]
-        way = sweep_way(fold, lean, end)
-        clip = fold.hinge.turn(way, tilt=lean)
-        times = np.linspace(0.0, 1.0, len(way))
-        poses = list[SolvedPose]()
-        try:
-            with degenerate_given_up():
-                solutions = March(fold, self.tissue.again()).through(clip, times)
-                for folded, time, found in zip(way, times, solutions, strict=True):
-                    if found.fault is not None:
-                        degrees = float(np.degrees(folded)) if isinstance(fold.hinge, Hinge) else None
-                        return Sweep(poses, UnresolvedError(GivenUp(found.fault, 1, degrees=degrees)))
-                    if found.touches:
-                        settled = found.settled_in(self.tissue)
-                        poses.append(SolvedPose(clip, float(time), settled, float(folded), number))
-                        if found.greatest_move > (_DEEPEST_LEANING if lean.any() else _DEEPEST):
-                            break
-        except UnresolvedError as error:
-            return Sweep(poses, error)
-        return Sweep(poses)
-
     def march(self, clip: Clip, times: Floats) -> "MarchedClip":
         """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
         return march_clip(self.fold, self.tissue, [self.fold.hinge], clip, times)
+
+    def sweep(self, sweep: Sweep) -> "MarchedClip":
+        """Solve a sweep alike. Nobody may ever bend the joint further than where it ends."""
+        return march_clip(self.fold, self.tissue, [self.fold.hinge], sweep.clip, sweep.times, deepest=sweep.deepest)
+
+    def given_up(self, sweeps: "Sequence[MarchedClip]") -> GivenUp | None:
+        """The reason why the fold is given up, by the sweeps of its joint about its own axis; None if it is not.
+
+        A sweep has a fault, and none of the poses that touch counts beyond 30°.
+        """
+        fold, failed = self.fold, [each for each in sweeps if each.faults]
+        strides = [fold.hinge.strides(fold.rig, each.clip, each.times[each.touching]) for each in sweeps]
+        if not failed or any((np.abs(each) >= _FAR).any() for each in strides):
+            return None
+        frame, reason = min(failed[0].faults.items())
+        reading = fold.hinge.reading(fold.rig, failed[0].clip, failed[0].times[[frame]])
+        return GivenUp(reason, 1, degrees=float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
 
 
 @dataclass(frozen=True)
@@ -184,24 +160,49 @@ class Crease(Surface):
     """A fold whose contact is resolved.
 
     Attributes:
-        poses: Number of poses of the sweeps in which contact moves something.
         shapes: (shapes, free, 3) bind space, at weight 1.
-        response: Weights of the shapes by the joint's turn, or by the shortening of the tool that rises.
         samples: Weights, with the motions and times in which normals are to be right under them.
-        error: Greatest distance of the shapes from the solutions of the sweeps, scene units.
-        largest: Greatest move in the solutions, scene units.
-        squeezed: Greatest volume that the shapes take away in the sweeps, relative to a limb as long as it is thick.
-        crossing: Number of poses of the sweeps in which the shapes leave crossings.
+        largest: Greatest move in the solutions that the shapes are fitted to, scene units.
+        swept: The fits to the sweeps: about the joint's own axis, and then as often for each side to which it leans.
+        paths: Rows of clips in the table.
     """
 
-    poses: int
     shapes: Floats
-    response: Table | LeaningTable
     samples: tuple[tuple[Floats, Clip, float], ...]
-    error: float
     largest: float
-    squeezed: float
-    crossing: int
+    swept: "tuple[Followed, ...]" = ()
+    paths: tuple[Path, ...] = ()
+
+    @cached_property
+    def response(self) -> Table | LeaningTable:
+        """The weights in the sweeps, by the joint's turn, or by the shortening of the tool that rises."""
+        hinge, count = self.fold.hinge, len(self.fold.hinge.straight)
+        (rows, table), *sides = [
+            self._tabulated(self.swept[first : first + count]) for first in range(0, len(self.swept), count)
+        ]
+        # Beyond its last good pose, a leaning sweep differs from the others as there.
+        leaning = [table + interpolated(rows, own, weights - interpolated(own, rows, table)) for own, weights in sides]
+        # Rows between others without weights say nothing.
+        acting = np.pad(np.any([table, *leaning], axis=(0, 2)), 1, constant_values=True)
+        kept = acting[:-2] | acting[1:-1] | acting[2:]
+        if not isinstance(hinge, Hinge):
+            return Table("shortenings", rows[kept], table[kept])
+        central = Table("angles", rows[kept], table[kept])
+        return LeaningTable(central, hinge.towards, np.stack(leaning)[:, kept], paths=self.paths)
+
+    def _tabulated(self, sweeps: "Sequence[Followed]") -> tuple[Floats, Floats]:
+        """(rows,) sorted measurements of good frames of sweeps, both ways, and (rows, shapes) weights for them."""
+        rows, table = list[Floats](), list[Floats]()
+        for each in sweeps:
+            good = np.setdiff1d(np.arange(len(each.times)), sorted(each.faults))
+            reading: Any = self.fold.hinge.reading(self.fold.rig, each.clip, each.times[good])
+            # A morph target may move the ends beyond the place where they are nearest.
+            reached = np.maximum.accumulate(np.abs(reading.rows - reading.rows[0]))
+            further = np.diff(reached, prepend=0.0 if rows else -1.0) > 0
+            rows.append(reading.rows[further])
+            table.append((each.weights[good].T / reading.factors).T[further])
+        order = np.argsort(np.concatenate(rows))
+        return np.concatenate(rows)[order], np.concatenate(table)[order]
 
     @property
     def sizes(self) -> Floats:
@@ -220,7 +221,7 @@ class Crease(Surface):
         has weights that are looked up: at its end, a table holds the last good ones.
         """
         weights = np.zeros((len(marched.times), len(self.shapes)))
-        crossing, unspanned, error, times = list[int](), list[int](), 0.0, marched.times
+        crossing, unspanned, error, lost, times = list[int](), list[int](), 0.0, 0.0, marched.times
         # What lies between others comes after them.
         for frame in sorted(marched.touching, key=lambda frame: marched.solution(frame).between is not None):
             found, crosses = marched.solution(frame), False
@@ -231,16 +232,38 @@ class Crease(Surface):
                 weights[frame], crosses = fit_pose(found, self.shapes)
             moved = combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
+            loss = found.volume_loss(moved)
+            lost = max(lost, loss)
             # A fit may take no more volume away than it may, and than the solution does.
-            if found.volume_loss(moved) > max(MOST_LOST, found.volume_loss(found.moved)):
+            if loss > max(MOST_LOST, found.volume_loss(found.moved)):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
         good = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults))
-        held = interpolated(times, times[good], weights[good]) if len(good) else self._looked_up(marched.clip, times)
-        error *= self.fold.radius / UNITS
-        unspanned = sorted({*crossing, *unspanned})
-        return Followed(marched.clip, times, held, error, tuple(sorted(crossing)), tuple(unspanned), marched.faults)
+        if len(good):
+            weights = interpolated(times, times[good], weights[good])
+        elif self.swept:
+            weights = self._looked_up(marched.clip, times)
+        return Followed(
+            marched.clip,
+            times,
+            weights,
+            error=error * self.fold.radius / UNITS,
+            lost=lost,
+            crossing=tuple(sorted(crossing)),
+            unspanned=tuple(sorted({*crossing, *unspanned})),
+            faults=marched.faults,
+        )
+
+    def sweeping(self, sweeps: "Iterable[MarchedClip]") -> "Crease":
+        """The same fold with the fits to its sweeps, in which poses that the shapes tear have a fault, too."""
+        swept = list[Followed]()
+        for marched in sweeps:
+            followed = self.follow(marched)
+            made = ((frame, combined(followed.weights[frame], self.shapes)) for frame in marched.touching)
+            torn = [frame for frame, moved in made if marched.solution(frame).tears(moved)]
+            swept.append(replace(followed, faults=dict.fromkeys(torn, TORN) | dict(marched.faults)))
+        return replace(self, swept=tuple(swept))
 
     def torn_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> set[int]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears the surface.
@@ -270,22 +293,22 @@ class Crease(Surface):
         largest = float(np.max(self._lengths(weights), initial=0.0))
         if not isinstance(response, LeaningTable) or not isinstance(hinge, Hinge) or not largest:
             return self
-        if len(response.paths) >= _MOST_PATHS:
+        if len(self.paths) >= _MOST_PATHS:
             return self
         reading = hinge.reading(self.fold.rig, followed.clip, followed.times)
         # Nothing touches in the stored pose, whatever other joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
-        best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), response
+        best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), self.paths
         rows = sorted({0, len(kept) - 1})
         while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
-            tried = replace(response, paths=(*response.paths, Path(reading.turns[rows], kept[rows])))
-            errors = self._lengths(tried.weights(reading) - weights)
+            paths = (*self.paths, Path(reading.turns[rows], kept[rows]))
+            errors = self._lengths(replace(response, paths=paths).weights(reading) - weights)
             if errors.max() < best:
-                best, found = float(errors.max()), tried
+                best, found = float(errors.max()), paths
             further = np.setdiff1d(np.arange(len(kept)), rows)
             rows = sorted({*rows, int(further[errors[further].argmax()])}) if len(further) else []
-        return replace(self, response=found)
+        return replace(self, paths=found)
 
     def player_error(self, followed: "Followed", *, scale: float) -> PlayerError:
         """The error of what players look up in a clip; `scale` is world over bind units.
@@ -314,44 +337,16 @@ class Crease(Surface):
 
 @dataclass(frozen=True, slots=True)
 class SolvedPose:
-    """A pose in which contact moves something.
-
-    Attributes:
-        clip: The clip, or a sweep.
-        time: Seconds of it.
-        found: The solution.
-        folded: In a sweep, angle of the joint, radians, or fraction of a rise.
-        lean: In a sweep, number of the leaning of the axis; 0 if it does not lean.
-    """
+    """A pose in which contact moves something: seconds of a clip or sweep, and the solution there."""
 
     clip: Clip
     time: float
     found: Solution
-    folded: float | None = None
-    lean: int = 0
-
-    @property
-    def far(self) -> bool:
-        """True if a sweep with this pose has gone so far that contact is worth having: 30°, or half of a rise."""
-        return self.folded is not None and abs(self.folded) >= _FAR
-
-
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """A solved sweep of a joint.
-
-    Attributes:
-        poses: Those in which contact moves something.
-        failed: The error that ends the sweep; None if none does.
-    """
-
-    poses: list[SolvedPose]
-    failed: UnresolvedError | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class MarchedClip:
-    """A clip, solved.
+    """A clip or a sweep, solved.
 
     Attributes:
         times: (frames,) seconds.
@@ -385,10 +380,11 @@ class Followed:
     """The fit of a crease's shapes to a clip.
 
     Attributes:
-        clip: The first of the clips with this motion.
+        clip: The first of the clips with this motion, or a sweep.
         times: (frames,) seconds.
         weights: (frames, shapes).
         error: Greatest distance of the shapes from the solutions, scene units.
+        lost: Greatest volume that the shapes take away, relative to a limb as long as it is thick.
         crossing: The frames in which the shapes leave crossings.
         unspanned: These frames, and those in which the shapes take volume away.
         faults: The reasons why contact does not count in frames, by their numbers: it is held there, or fades.
@@ -398,23 +394,34 @@ class Followed:
     times: Floats
     weights: Floats
     error: float
+    lost: float
     crossing: tuple[int, ...]
     unspanned: tuple[int, ...]
     faults: Mapping[int, str]
 
 
-def march_clip(fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> MarchedClip:
+def march_clip(
+    fold: Fold,
+    tissue: Tissue,
+    hinges: "Sequence[Hinge | Rise]",
+    clip: Clip,
+    times: Floats,
+    *,
+    deepest: float | None = None,
+) -> MarchedClip:
     """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
 
     If the clip begins folded, or jumps to a pose that is folded at one of the hinges, an approach from rest is solved
-    first.
+    first. With a `deepest` move of a vertex, solver's units, the clip ends at the first that is deeper, or at a fault.
     """
     solutions, faults = list[Solution | None](), dict[int, str]()
     for frame, found in enumerate(_in_clip(fold, tissue.again(), hinges, clip, times)):
         if found.fault is not None:
             faults[frame] = found.fault
         solutions.append(found.settled_in(tissue) if found.touches else None)
-    return MarchedClip(clip, times, tuple(solutions), faults)
+        if deepest is not None and (found.fault is not None or found.greatest_move > deepest):
+            break
+    return MarchedClip(clip, times[: len(solutions)], tuple(solutions), faults)
 
 
 def _in_clip(
@@ -430,116 +437,45 @@ def _in_clip(
         yield from marching.through(clip, times[part], strides[part])
 
 
-def poses_of_sweeps(solved: Sequence[Sweep]) -> list[SolvedPose]:
-    """The poses in which contact moves something, of a joint's motion about its own axis.
-
-    Raises:
-        UnresolvedError: This motion has a fault, and none of its poses that touch counts beyond 30°.
-    """
-    poses = [pose for each in solved for pose in each.poses]
-    failed = [each.failed for each in solved if each.failed is not None]
-    if failed and not any(pose.far for pose in poses):
-        raise failed[0]
-    return poses
-
-
-def resolve(surface: Surface, poses: Sequence[SolvedPose], *, share: float, most: int, fewest: int = 1) -> Crease:
-    """Compress solved poses of the sweeps of a fold, and of clips.
+def resolve(
+    surface: Surface,
+    poses: Sequence[SolvedPose],
+    sweeps: Sequence[MarchedClip],
+    *,
+    share: float,
+    most: int,
+    fewest: int = 1,
+) -> Crease:
+    """Compress solved poses of the sweeps of a fold, and of clips, and follow the sweeps.
 
     There are no shapes if nothing touches.
 
     Args:
         surface: The fold.
-        poses: The solved poses, sweeps first.
+        poses: The solved poses.
+        sweeps: The sweeps, about the joint's own axis first.
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
             there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
         fewest: Least number of shapes.
     """
     fold, tissue = surface.fold, surface.tissue
-    weights, shapes, crossing = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3)), 0
+    weights, shapes = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3))
     if poses:
-        weights, shapes, crossing = fit_poses([each.found for each in poses], share=share, most=most, fewest=fewest)
-    sweeps = tuple(each for each in poses if each.folded is not None)
-    made = [(each.found, combined(row, shapes)) for each, row in zip(sweeps, weights, strict=False)]
-    scale = fold.radius / UNITS
-    torn = [found.tears(moved) for found, moved in made]
+        weights, shapes, _ = fit_poses([each.found for each in poses], share=share, most=most, fewest=fewest)
     return Crease(
         fold=fold,
         tissue=tissue,
-        poses=len(sweeps),
         shapes=shapes,
-        response=_response(fold, sweeps, weights, torn),
         samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)) if poses else (),
-        error=scale * max((found.greatest_error(moved) for found, moved in made), default=0.0),
-        largest=scale * max((each.found.greatest_move for each in poses), default=0.0),
-        squeezed=max((found.volume_loss(moved) for found, moved in made), default=0.0),
-        crossing=crossing,
-    )
-
-
-def _response(fold: Fold, solved: Sequence[SolvedPose], weights: Floats, torn: Sequence[bool]) -> Table | LeaningTable:
-    """Tabulate (solved, shapes) weights of the sweeps, at the rows of all of them.
-
-    A sweep ends before a pose that is torn under its weights.
-    """
-    kept = _before_torn(solved, torn)
-    solved, weights = [solved[number] for number in kept], weights[kept]
-    sweeps = [_tabulated(fold, lean, solved, weights) for lean in range(len(fold.hinge.leanings))]
-    rows, table = sweeps[0]
-    if not isinstance(fold.hinge, Hinge):
-        return Table("shortenings", rows, table / fold.hinge.factors_at(rows)[:, None])
-    every = distinct_values(np.concatenate([each for each, _ in sweeps]))
-    central, tables = interpolated(every, rows, table), []
-    for own, weights_there in sweeps[1:]:
-        # Where a leaning sweep has ended, it differs from the others as at its end.
-        held = np.clip(every, own[0], own[-1])
-        tables.append(central + interpolated(held, own, weights_there) - interpolated(held, rows, table))
-    return LeaningTable(Table("angles", every, central), fold.hinge.towards, np.stack(tables))
-
-
-def _before_torn(solved: Sequence[SolvedPose], torn: Sequence[bool]) -> list[int]:
-    """Numbers of the poses of sweeps before the first in the same sweep that is torn."""
-    sweeps = [(each.lean, (each.folded or 0.0) > 0) for each in solved]
-    ends: dict[tuple[int, bool], float] = {}
-    for sweep, each, bad in zip(sweeps, solved, torn, strict=True):
-        if bad:
-            ends[sweep] = min(ends.get(sweep, np.inf), abs(each.folded or 0.0))
-    pairs = enumerate(zip(sweeps, solved, strict=True))
-    return [number for number, (sweep, each) in pairs if abs(each.folded or 0.0) < ends.get(sweep, np.inf)]
-
-
-def _tabulated(fold: Fold, lean: int, solved: Sequence[SolvedPose], weights: Floats) -> tuple[Floats, Floats]:
-    """(rows,) sorted measurements of the sweeps of a leaning, and (rows, shapes) weights: 0 before anything touches."""
-    own = [(each.folded or 0.0, number) for number, each in enumerate(solved) if each.lean == lean]
-    stride = fold.hinge.stride * (_LEANING_STRIDES if lean else 1.0)
-    ahead = {0.0}
-    for end in fold.hinge.ends:
-        there = [abs(folded) for folded, _ in own if folded * end > 0]
-        ahead.add(float(np.sign(end)) * max(min(there) - stride, 0.0) if there else end)
-    every = sorted([*own, *((folded, len(solved)) for folded in ahead)])
-    padded = np.concatenate([weights, np.zeros((1, weights.shape[1]))])
-    rows = fold.hinge.rows(np.array([folded for folded, _ in every]), tilt=fold.hinge.leanings[lean])
-    # A morph target may move the ends beyond the place where they are nearest.
-    rising = np.flatnonzero(np.diff(np.maximum.accumulate(rows), prepend=-np.inf) > 0)
-    return rows[rising], padded[[number for _, number in every]][rising]
+        largest=max((each.found.greatest_move for each in poses), default=0.0) * fold.radius / UNITS,
+    ).sweeping(sweeps)
 
 
 def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
-
-
-def sweep_way(fold: Fold, lean: Floats, end: float) -> Floats:
-    """(poses,) evenly spaced turns of a sweep of a leaning to an end."""
-    stride = fold.hinge.stride * (_LEANING_STRIDES if lean.any() else 1.0)
-    return np.linspace(0.0, end, int(np.ceil(abs(end) / stride)) + 1)
-
-
-def sweep_poses(fold: Fold) -> int:
-    """The number of poses of all sweeps of a fold, if none ends early."""
-    return sum(len(sweep_way(fold, lean, end)) for lean in fold.hinge.leanings for end in fold.hinge.ends)
 
 
 def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:
@@ -550,12 +486,10 @@ def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats 
     """
     still = fold.crossing(fold.rest_positions)
     marked = np.zeros(len(fold.own), bool)
-    for lean in fold.hinge.leanings:
-        for end in fold.hinge.ends:
-            clip = fold.hinge.turn(sweep_way(fold, lean, end), tilt=lean)
-            looks = np.linspace(0.0, 1.0, _CROSSING_POSES)[1:] if not lean.any() else np.ones(1)
-            for positions in fold.posed(clip, looks)[0]:
-                marked |= fold.crossing(positions)
+    looks = [(each.clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for each in fold.hinge.straight]
+    for clip, times in [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)]:
+        for positions in fold.posed(clip, times)[0]:
+            marked |= fold.crossing(positions)
     marked &= ~still
     if further is not None:
         marked[: len(fold.vertices)] |= np.isin(fold.vertices, further)

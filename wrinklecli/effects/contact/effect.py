@@ -119,7 +119,7 @@ class ContactWords:
 
     def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The fold's entry in the report; lengths are scene units."""
-        crease, hinge = self.crease, self.crease.fold.hinge
+        crease, hinge, swept = self.crease, self.crease.fold.hinge, self.crease.swept
         # Clips of equal motion share their solution.
         followed = list({id(each): each for each in self.followed.values()}.values())
         return {
@@ -131,12 +131,12 @@ class ContactWords:
             else None,
             "moved_vertices": len(crease.vertices),
             "largest_move": significant(crease.largest),
-            "volume_lost": significant(crease.squeezed),
-            "poses": crease.poses,
+            "volume_lost": significant(max((each.lost for each in swept), default=0.0)),
+            "poses": sum(int(np.count_nonzero(each.weights.any(axis=1))) for each in swept),
             "fitted_to_clips": crease.fold.per_clip,
-            "unsettled_poses": 0,  # sweeps end before any
-            "crossing_poses": crease.crossing,
-            "error": significant(crease.error),
+            "unsettled_poses": sum(len(each.faults) for each in swept),
+            "crossing_poses": sum(len(each.crossing) for each in swept),
+            "error": significant(max((each.error for each in swept), default=0.0)),
             "unsettled_frames": sum(len(each.faults) for each in followed),
             "crossing_frames": sum(len(each.crossing) for each in followed),
             "left": [

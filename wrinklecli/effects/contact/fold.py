@@ -237,8 +237,8 @@ def find_folds(
 
 def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
-    looks = [fold.hinge.turn(np.linspace(0.0, end, _NEARNESS_POSES)) for end in fold.hinge.ends]
-    moments = [(look, np.array([time])) for look in looks for time in np.linspace(0.0, 1.0, _NEARNESS_POSES)]
+    times = np.linspace(0.0, 1.0, _NEARNESS_POSES)
+    moments = [(each.clip, np.array([time])) for each in fold.hinge.straight for time in times]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
     triangles, others, count = [fold.triangles], list[SkinnedMesh](), len(fold.vertices)
     for obstacle in obstacles:

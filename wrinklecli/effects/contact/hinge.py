@@ -6,7 +6,7 @@ there are. Not in the paper.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,8 +49,27 @@ solver's steps."""
 # An axis of the joint's own replaces a guess that is nearer than this, radians: riggers orient joints so that knees,
 # elbows and fingers turn about one of their axes, and clips do. The guess is 5 to 15° off on common rigs.
 _OWN_AXIS = np.radians(20.0)
-# Tilts of the axis, none and to four sides, since a clip's joint seldom turns about one axis alone.
-_LEANINGS = np.tan(np.radians(10.0)) * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+# Tilts of the axis to four sides, since a clip's joint seldom turns about one axis alone.
+_LEANINGS = np.tan(np.radians(10.0)) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+# Leaning sweeps only add to the others. Their poses are so many times further apart, and they end where they are so
+# many times less deep: deeper ones would ask for more shapes than clips have use for.
+_ROUGHER = 2.0
+DEEPEST = 36.0
+"""A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius."""
+
+
+class Sweep(NamedTuple):
+    """A motion of a fold, as a clip that no file has.
+
+    Attributes:
+        clip: The motion, of a second.
+        times: (poses,) seconds of it.
+        deepest: Move of a vertex by contact, solver's units, beyond which it ends.
+    """
+
+    clip: Clip
+    times: Floats
+    deepest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,25 +85,27 @@ class Hinge:
     signal: JointAngle
     least: float
     most: float
-    # Greatest step between two poses of a sweep, radians.
-    stride: ClassVar[float] = STRIDE
-    # (leanings, 2) tilts of the axis for sweeps, as `turn` takes them; the first is none.
-    leanings: ClassVar[Floats] = _LEANINGS
 
     @property
-    def ends(self) -> tuple[float, ...]:
-        """The angles at which sweeps end, one or both ways, radians."""
-        return tuple(end for end in (self.least, self.most) if end)
+    def straight(self) -> list[Sweep]:
+        """The sweeps about the axis, one or both ways."""
+        return self._sweeps(1.0)
 
-    def rows(self, angles: Floats, *, tilt: Floats) -> Floats:
-        """(rows,) radians about the axis, by which weights are looked up, at (rows,) radians about a tilted axis."""
-        return np.asarray(2.0 * np.arctan(np.tan(angles / 2.0) / np.sqrt(1.0 + tilt @ tilt)))
+    @property
+    def leaning(self) -> list[Sweep]:
+        """As many sweeps about an axis that leans to a side, for each of the sides."""
+        return [sweep for tilt in _LEANINGS for sweep in self._sweeps(_ROUGHER, tilt)]
+
+    def _sweeps(self, rougher: float, tilt: Floats | None = None) -> list[Sweep]:
+        """The sweeps about an axis with a tilt as `turn` takes it."""
+        ends = [end for end in (self.least, self.most) if end]
+        ways = [np.linspace(0.0, end, int(np.ceil(abs(end) / (rougher * STRIDE))) + 1) for end in ends]
+        return [Sweep(self.turn(way, tilt=tilt), np.linspace(0.0, 1.0, len(way)), DEEPEST / rougher) for way in ways]
 
     @property
     def towards(self) -> Floats:
-        """(leanings - 1, 3) vectors whose products with the slants of turns are 1 in the sweep of that leaning."""
-        leanings = self.leanings[1:]
-        return np.asarray(leanings @ _across(self.signal.axis) / np.sum(leanings**2, axis=1)[:, None])
+        """(sides, 3) vectors whose products with the slants of turns are 1 in the sweeps that lean to that side."""
+        return np.asarray(_LEANINGS @ _across(self.signal.axis) / np.sum(_LEANINGS**2, axis=1)[:, None])
 
     def reading(self, rig: Rig, clip: Clip, times: Floats) -> Angles:
         """The measurements at (frames,) seconds of a clip by which weights are looked up."""

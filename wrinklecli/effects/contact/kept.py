@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
-from wrinklecli.drive.table import LeaningTable, Table
-from wrinklecli.effects.contact.crease import Crease, Followed, Surface, border, sweep_way
+from wrinklecli.effects.contact.crease import Crease, Followed, Surface, border
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError
 from wrinklecli.frozen import dataclass
@@ -42,9 +41,7 @@ class SolvedSystem:
 
 
 # The records in a stored solution.
-_RECORDS = {
-    each.__name__: each for each in (SolvedSystem, GivenUp, Crease, Followed, LeaningTable, Table, Clip, Channel)
-}
+_RECORDS = {each.__name__: each for each in (SolvedSystem, GivenUp, Crease, Followed, Clip, Channel)}
 
 
 def solution_key(members: Members, clips: Mapping[int, Clip], times: Callable[[Clip], Floats], how: object) -> str:
@@ -68,8 +65,7 @@ def solution_key(members: Members, clips: Mapping[int, Clip], times: Callable[[C
     for fold, apart in members:
         add(np.searchsorted(every, fold.vertices), fold.triangles, fold.own, border(fold), fold.rest_positions)
         add(fold.pivot, [fold.radius, fold.per_clip], np.zeros(0) if apart is None else apart)
-        ways = [(sweep_way(fold, lean, end), lean) for lean in fold.hinge.leanings for end in fold.hinge.ends]
-        sweeps = [(fold.hinge.turn(way, tilt=lean), np.linspace(0.0, 1.0, len(way))) for way, lean in ways]
+        sweeps = [(each.clip, each.times) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
         for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
             add(moments, *fold.hinge.reading(fold.rig, clip, moments), fold.hinge.strides(fold.rig, clip, moments))
             for posed in fold.poses(clip, moments):
@@ -132,6 +128,7 @@ def read(data: bytes, members: Members, clips: Mapping[int, Clip]) -> SolvedSyst
     for crease, own in solved.spanned:
         if crease.shapes.shape[1:] != (len(crease.vertices), 3) or [*own] != [*clips]:
             raise ValueError("its folds or clips are others")
-        if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in own.values()):
+        fitted = [*crease.swept, *own.values()]
+        if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in fitted):
             raise ValueError("its weights are others")
     return solved

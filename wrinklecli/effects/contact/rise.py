@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Lengths
+from wrinklecli.effects.contact.hinge import DEEPEST, Sweep
 from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -21,9 +22,7 @@ from wrinklecli.numeric.arrays import TINY, Floats
 
 # Name of a clip that no file has, in which a keyed rest length grows.
 _GROWING = "\0"
-# Greatest step between two poses, as a fraction of the rise.
-_STRIDE = 1.0 / 16
-# Sampled seconds of a rise. Heights start like a square root, so the motion goes with the square of the time.
+# Seconds of a rise, a stride apart. Heights start like a square root, so the motion goes with the square of the time.
 _TIMES = np.linspace(0.0, 1.0, 17)
 
 
@@ -40,32 +39,18 @@ class Rise:
     patch: Patch
     motion: Clip
     rig: Rig
-    # Fraction of the rise at which a sweep ends, and greatest step between two of its poses.
-    ends: ClassVar[tuple[float, ...]] = (1.0,)
-    stride: ClassVar[float] = _STRIDE
     # A rise does not lean.
-    leanings: ClassVar[Floats] = np.zeros((1, 2))
+    leaning: ClassVar[list[Sweep]] = []
 
-    def turn(self, _shares: Floats, *, tilt: Floats | None = None) -> Clip:
-        """The rise as a clip of a second, through (keys,) evenly spaced fractions from 0 to 1."""
-        assert tilt is None or not tilt.any()
-        return self.motion
-
-    def rows(self, shares: Floats, *, tilt: Floats | None = None) -> Floats:
-        """(rows,) shortenings by which weights at (rows,) fractions of the rise are looked up."""
-        assert tilt is None or not tilt.any()
-        return self.reading(self.rig, self.motion, shares).rows
+    @property
+    def straight(self) -> list[Sweep]:
+        """The rise, as the sweep of a hinge."""
+        return [Sweep(self.motion, _TIMES, DEEPEST)]
 
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) progress at (frames,) seconds of a clip, in strides."""
-        least, most = self.rows(_TIMES[[0, -1]])
-        return np.asarray(self.reading(rig, clip, times).rows / (_STRIDE * max(most - least, TINY)))
-
-    def factors_at(self, rows: Floats) -> Floats:
-        """(rows,) factors on what is looked up where the tool's own motion has (rows,) sorted measurements."""
-        found = self.reading(self.rig, self.motion, _TIMES)
-        order = np.argsort(found.rows, kind="stable")
-        return np.interp(rows, found.rows[order], found.factors[order])
+        least, most = self.reading(self.rig, self.motion, _TIMES[[0, -1]]).rows
+        return np.asarray(self.reading(rig, clip, times).rows * (len(_TIMES) - 1) / max(most - least, TINY))
 
     def reading(self, rig: Rig, clip: Clip, times: Floats) -> Lengths:
         """The measurements at (frames,) seconds of a clip by which weights are looked up."""

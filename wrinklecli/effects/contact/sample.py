@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from itertools import chain, combinations
+from itertools import combinations
 from operator import call
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
         Crease,
         Followed,
         MarchedClip,
-        SolvedPose,
         Surface,
     )
     from wrinklecli.effects.contact.fold import Fold
@@ -47,7 +46,7 @@ _Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 # Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, ten morph targets.
 _MOST_SHAPES = 9
 # Poses of a clip, evenly spread, that shapes are made of.
-_CLIP_POSES = 12
+_CLIP_POSES = 16
 # Times that shapes are made: the second time, as many poses that still cross are added.
 _ROUNDS = 2
 # Part of the memory for solutions that are kept while the shapes are made; clips beyond that are solved again.
@@ -111,13 +110,12 @@ def _refuse_large(
     Raises:
         TooMuchError: It would take more memory than there may be; to solve it takes minutes.
     """
-    from wrinklecli.effects.contact.crease import sweep_poses
-
     longest = max((1 + int((clip.end - clip.start) * how.fps) for clip in clips), default=0)
     needs = []
     for members in systems:
         folds = [fold for fold, apart in members if apart is not None]
-        frames = longest + sum(map(sweep_poses, folds))
+        sweeps = [sweep for fold in folds for sweep in (*fold.hinge.straight, *fold.hinge.leaning)]
+        frames = longest + sum(len(each.times) for each in sweeps)
         vertices = sum(len(fold.vertices) for fold in folds)
         needs.append((frames * (_VERTEX_BYTES * vertices + _FREE_BYTES * _free_count(members)), frames, folds))
     largest = sorted(needs, key=lambda each: -each[0])[:at_once]
@@ -194,56 +192,50 @@ def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips
     The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
     clips are solved beside the sweeps whose axes lean, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import Surface, poses_of_sweeps
+    from wrinklecli.effects.contact.crease import Surface
     from wrinklecli.effects.contact.kept import SolvedSystem
 
     crossing = [(fold, apart) for fold, apart in members if apart is not None]
     ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
-    surfaces = [each for each in ready if not isinstance(each, UnresolvedError)]
-    given_up = _given_up_of([fold for fold, _ in crossing], ready)
+    surfaces = [each for each in ready if not isinstance(each, GivenUp)]
+    given_up = [(fold, each) for (fold, _), each in zip(crossing, ready, strict=True) if isinstance(each, GivenUp)]
     shared = [part for each in surfaces for part in (each.fold, each.tissue)]
-    central = [partial(each.sweep, 0, end) for each in surfaces for end in each.fold.hinge.ends]
-    found = iter([*in_processes(call, central, jobs, shared=shared)])
-    own = [_outcome(partial(poses_of_sweeps, [next(found) for _ in each.fold.hinge.ends])) for each in surfaces]
-    given_up += _given_up_of([each.fold for each in surfaces], own)
-    sound = [
-        (surface, poses) for surface, poses in zip(surfaces, own, strict=True) if not isinstance(poses, UnresolvedError)
-    ]
+    straight = [partial(each.sweep, sweep) for each in surfaces for sweep in each.fold.hinge.straight]
+    found = iter([*in_processes(call, straight, jobs, shared=shared)])
+    sound: list[tuple[Surface, list[MarchedClip]]] = []
+    for surface in surfaces:
+        sweeps = [next(found) for _ in surface.fold.hinge.straight]
+        reason = surface.given_up(sweeps)
+        if reason is None:
+            sound.append((surface, sweeps))
+        else:
+            given_up.append((surface.fold, reason))
     if not sound:
         return SolvedSystem(given_up, [])
     solver = _Solver([surface for surface, _ in sound], clips)
-    leaning = [[partial(each.sweep, *sweep) for sweep in each.leaning_sweeps] for each, _ in sound]
+    leaning = [partial(each.sweep, sweep) for each, _ in sound for sweep in each.fold.hinge.leaning]
     # Clips take longest, so they are begun first.
-    work: list[Callable[[], Any]] = [*solver.work, *chain.from_iterable(leaning)]
+    work: list[Callable[[], MarchedClip]] = [*solver.work, *leaning]
+    with closing(in_processes(call, work, jobs, shared=solver.shared)) as results:
+        solver.keep(results)
+        for surface, sweeps in sound:
+            sweeps += [next(results) for _ in surface.fold.hinge.leaning]
     spanned: list[tuple[Crease, dict[int, Followed]]] = []
-    with closing(in_processes(_outcome, work, jobs, shared=solver.shared)) as results:
-        try:
-            solver.keep(results)
-            for surface, poses in sound:
-                for _ in surface.leaning_sweeps:
-                    swept: Any = next(results)
-                    poses += swept.poses
-            with degenerate_given_up():
-                for each in sound:
-                    spanned.append(_spanned(*each, spanned, solver))
-        except UnresolvedError as error:
-            return SolvedSystem([*given_up, *((surface.fold, error.given_up) for surface, _ in sound)], [])
+    for each in sound:
+        fit = _outcome(partial(_spanned, *each, spanned, solver))
+        if isinstance(fit, GivenUp):
+            return SolvedSystem([*given_up, *((surface.fold, fit) for surface, _ in sound)], [])
+        spanned.append(fit)
     return SolvedSystem(given_up, spanned)
 
 
-def _given_up_of(folds: "Sequence[Fold]", outcomes: Sequence[object]) -> "list[tuple[Fold, GivenUp]]":
-    """The folds whose outcomes are errors."""
-    pairs = zip(folds, outcomes, strict=True)
-    return [(fold, each.given_up) for fold, each in pairs if isinstance(each, UnresolvedError)]
-
-
-def _outcome(work: Callable[[], _Result]) -> _Result | UnresolvedError:
-    """The result of some work, or the error that says why a fold is not resolved."""
+def _outcome(work: Callable[[], _Result]) -> _Result | GivenUp:
+    """The result of some work, or the reason why a fold is not resolved."""
     try:
         with degenerate_given_up():
             return work()
     except UnresolvedError as error:
-        return error
+        return error.given_up
 
 
 def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
@@ -381,34 +373,17 @@ class _Solver:
         """The objects that the solutions of clips and of sweeps refer to."""
         return self._system.parts(self.clips.values())
 
-    def keep(self, solved: "Iterator[Any]") -> None:
-        """Keep the results of `work`, the first of some.
-
-        Raises:
-            UnresolvedError: The folds cannot be resolved in a clip.
-        """
-        for number in self._numbers:
-            outcome = next(solved)
-            if isinstance(outcome, UnresolvedError):
-                raise outcome
-            self.kept[number] = outcome
+    def keep(self, solved: "Iterator[MarchedClip]") -> None:
+        """Keep the results of `work`, the first of some."""
+        self.kept = {number: next(solved) for number in self._numbers}
 
     def part(self, before: _Spanned, number: int) -> "MarchedClip":
-        """A clip, solved, for the fold behind those before it, whose weights are taken for granted.
-
-        Raises:
-            UnresolvedError: The folds cannot be resolved in the clip.
-        """
+        """A clip, solved, for the fold behind those before it, whose weights are taken for granted."""
         fitted = [(crease, marches[number].weights) for crease, marches in before]
         return self._system.part(len(fitted), self.kept.get(number) or self._march(number), fitted)
 
     def _march(self, number: int) -> "MarchedClip":
-        clip = self.clips[number]
-        try:
-            with degenerate_given_up():
-                return self._system.march(clip, self._times[number])
-        except UnresolvedError as error:
-            raise UnresolvedError(replace(error.given_up, clip=clip.name)) from error
+        return self._system.march(self.clips[number], self._times[number])
 
 
 def _followed(
@@ -453,13 +428,9 @@ def _followed(
 
 
 def _spanned(
-    surface: "Surface", sweeps: "Sequence[SolvedPose]", before: _Spanned, solver: _Solver
+    surface: "Surface", sweeps: "Sequence[MarchedClip]", before: _Spanned, solver: _Solver
 ) -> "tuple[Crease, dict[int, Followed]]":
-    """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips.
-
-    Raises:
-        UnresolvedError: The folds that are solved together cannot be resolved in a clip.
-    """
+    """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips."""
     from wrinklecli.effects.contact.crease import resolve
 
     every = {number: solver.part(before, number) for number in solver.kept}
@@ -467,30 +438,33 @@ def _spanned(
     def part(number: int) -> "MarchedClip":
         return every.get(number) or solver.part(before, number)
 
-    chosen = list(sweeps)
+    chosen = [pose for each in sweeps for pose in each.poses(_some(each.touching))]
     for number in solver.clips if surface.fold.per_clip else ():
         solved = part(number)
         chosen += solved.poses(_some(solved.touching))
-    found: list[tuple[Crease, dict[int, Followed]]] = []
-    for _ in range(_ROUNDS if surface.fold.per_clip else 1):
+    found: list[tuple[Crease, dict[int, Followed], tuple[int, int]]] = []
+    for _ in range(_ROUNDS):
         # More poses hardly ever need fewer shapes.
-        fewest = max((len(each.shapes) for each, _ in found), default=1)
-        crease = resolve(surface, chosen, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
+        fewest = max((len(each.shapes) for each, *_ in found), default=1)
+        crease = resolve(surface, chosen, sweeps, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
+        chosen += [
+            pose
+            for each, solved in zip(crease.swept, sweeps, strict=True)
+            for pose in solved.poses(_some(each.unspanned))
+        ]
         followed: dict[int, Followed] = {}
         for number in solver.clips:
             solved = part(number)
             followed[number] = crease.follow(solved)
-            chosen += solved.poses(_some(followed[number].unspanned))
-        found.append((crease, followed))
-        if not any(_unspanned(followed)):
+            if surface.fold.per_clip:
+                chosen += solved.poses(_some(followed[number].unspanned))
+        fitted = [*crease.swept, *(followed.values() if surface.fold.per_clip else ())]
+        # The frames in which shapes leave crossings, and those in which they also take volume away.
+        wrong = sum(len(each.crossing) for each in fitted), sum(len(each.unspanned) for each in fitted)
+        found.append((crease, followed, wrong))
+        if not any(wrong):
             break
-    return min(found, key=lambda each: _unspanned(each[1]))
-
-
-def _unspanned(followed: "Mapping[int, Followed]") -> tuple[int, int]:
-    """Number of frames in which shapes leave crossings, and of those in which they also take volume away."""
-    every = followed.values()
-    return sum(len(each.crossing) for each in every), sum(len(each.unspanned) for each in every)
+    return min(found, key=lambda each: each[2])[:2]
 
 
 def _some(frames: Sequence[int]) -> list[int]:

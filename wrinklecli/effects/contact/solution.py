@@ -9,7 +9,13 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import REACH_RADII, Fold
-from wrinklecli.effects.contact.given_up import TOO_MANY_STEPS, TORN, UNSETTLED
+from wrinklecli.effects.contact.given_up import (
+    TOO_MANY_STEPS,
+    TORN,
+    UNSETTLED,
+    UnresolvedError,
+    degenerate_given_up,
+)
 from wrinklecli.effects.contact.hinge import STRIDE
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
@@ -139,19 +145,12 @@ class Solution:
 
     def tears(self, moved: Floats) -> bool:
         """True if another move tears the surface."""
-        return self.tissue.tears(
-            self.positions, self.positions_under(moved), crossing=lambda _skinned: self.skinned_crossings
-        )
+        return self.tissue.tears(self.positions, self.positions_under(moved))
 
     def settled_in(self, tissue: Tissue) -> "Solution":
         """The same solution, of another copy of the tissue, from which no pose starts any more."""
         state = replace(self.state, posed=SkinnedPose(self.positions, self.matrices), near=None)
         return replace(self, tissue=tissue, state=state)
-
-    @cached_property
-    def skinned_crossings(self) -> Bools:
-        """(vertices,) vertices that cross without contact."""
-        return self.tissue.crossing(self.positions)
 
     @cached_property
     def _own_crossings(self) -> Bools:
@@ -298,7 +297,11 @@ class March:
             default=(0.0, None),
         )
         if (nearest is None or apart < nearest.reach) and self.steps.suffice:
-            (state,) = march(self.tissue, [posed], None if nearest is None else nearest.state)
+            try:
+                with degenerate_given_up():
+                    (state,) = march(self.tissue, [posed], None if nearest is None else nearest.state)
+            except UnresolvedError as error:
+                state = SolverState(posed.positions, posed, converged=False, fault=str(error))
             if state.converged and state.correction.any() and self.tissue.tears(posed.positions, state.positions):
                 state = replace(state, converged=False, fault=TORN)
             self.steps.count(state)

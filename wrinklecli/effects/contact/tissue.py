@@ -3,7 +3,6 @@
 Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
@@ -284,12 +283,9 @@ class Tissue:
         marked[self.rows] = self._crossings.vertices_at(positions[self.rows], counting)
         return marked
 
-    def tears(self, given: Floats, shown: Floats, *, crossing: Callable[[Floats], Bools] | None = None) -> bool:
-        """True if (vertices, 3) positions are torn relative to the given ones.
-
-        `crossing` finds what crosses at these in place of the method of that name.
-        """
-        return self._tearing.tears(given, shown, crossing or self.crossing)
+    def tears(self, given: Floats, shown: Floats) -> bool:
+        """True if (vertices, 3) positions are torn relative to the given ones."""
+        return self._tearing.tears(given, shown, self.crossing)
 
     def _near(self, positions: Floats, barrier_gap: float, kept_gap: float) -> Any:
         import ipctk
