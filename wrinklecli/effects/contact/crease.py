@@ -270,15 +270,16 @@ class Crease(Surface):
 
         `moves` are those of this fold, and of others that add to these.
         """
-        scale, fold = UNITS / self.fold.radius, self.fold
-        shown = replace(fold, movers=(*fold.movers, *moves)).poses(clip, times[frames])
-        return {
-            frame
-            for frame, (given, _), (made, _) in zip(
-                frames.tolist(), fold.poses(clip, times[frames]), shown, strict=True
-            )
-            if self.tissue.tears(scale * given, scale * made)
-        }
+        scale, fold, torn = UNITS / self.fold.radius, self.fold, set[int]()
+        places = [fold.shared_with(each.vertices) for each in moves]
+        for frame, (given, matrices) in zip(frames.tolist(), fold.poses(clip, times[frames]), strict=True):
+            shown = given.copy()
+            for (here, there), each in zip(places, moves, strict=True):
+                (moved,) = each.displacements(fold.fine, fold.rig, clip, times[[frame]])
+                shown[here] += np.einsum("vij,vj->vi", matrices[here], moved[there])
+            if self.tissue.tears(scale * given, scale * shown):
+                torn.add(frame)
+        return torn
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""

@@ -105,7 +105,7 @@ class Fold:
     @cached_property
     def raised(self) -> Bools:
         """(vertices,) True for those that these tools may move."""
-        moved = [self._shared_with(self.carried[number].vertices)[0] for number in self.own_tools]
+        moved = [self.shared_with(self.carried[number].vertices)[0] for number in self.own_tools]
         return flags_of(np.concatenate([np.zeros(0, np.intp), *moved]), len(self.own))
 
     @cached_property
@@ -127,9 +127,9 @@ class Fold:
     @cached_property
     def moved(self) -> list[tuple[CarriedPatch, Ints, Ints]]:
         """The tools that move any vertices, the indices of these here, and their indices among the tool's."""
-        return [(each, *both) for each in self.carried if len((both := self._shared_with(each.vertices))[0])]
+        return [(each, *both) for each in self.carried if len((both := self.shared_with(each.vertices))[0])]
 
-    def _shared_with(self, vertices: Ints) -> tuple[Ints, Ints]:
+    def shared_with(self, vertices: Ints) -> tuple[Ints, Ints]:
         """The indices here, and among others, of (others,) sorted fine vertices that are in both."""
         _, here, there = np.intersect1d(self.vertices, vertices, assume_unique=True, return_indices=True)
         return here, there
@@ -150,7 +150,7 @@ class Fold:
                 amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
             moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
         for each in self.movers:
-            here, there = self._shared_with(each.vertices)
+            here, there = self.shared_with(each.vertices)
             moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
         every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
         return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
