@@ -49,14 +49,14 @@ def test_shared_objects_are_not_copied(jobs: int) -> None:
 def test_an_error_comes_when_it_is_its_turn(jobs: int) -> None:
     def work(number: int) -> int:
         if number == 1:
-            raise UnresolvedError(GivenUp(UNSETTLED, 3, clip="squat"))
+            raise UnresolvedError(GivenUp(UNSETTLED, 80.0))
         return number
 
     found = in_processes(work, [0, 1, 2], jobs)
     assert list(islice(found, 1)) == [0]
     with pytest.raises(UnresolvedError, match=UNSETTLED) as raised:
         next(found)
-    assert raised.value.given_up == GivenUp(UNSETTLED, 3, clip="squat")
+    assert raised.value.given_up == GivenUp(UNSETTLED, 80.0)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

@@ -152,7 +152,7 @@ class Surface:
             return None
         frame, reason = min(failed[0].faults.items())
         reading = fold.hinge.reading(fold.rig, failed[0].clip, failed[0].times[[frame]])
-        return GivenUp(reason, 1, degrees=float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
+        return GivenUp(reason, float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
 
 
 @dataclass(frozen=True)
@@ -428,14 +428,20 @@ def march_clip(
 def _in_clip(
     fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats
 ) -> Iterator[Solution]:
-    strides = np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges], axis=1)
+    strides = _strides(fold, hinges, clip, times)
     jumps, marching = np.abs(np.diff(strides, axis=0)).max(axis=1) > _JUMP, March(fold, tissue)
     for part in np.split(np.arange(len(times)), 1 + np.flatnonzero(jumps)):
         if not is_clear(fold, tissue, clip, float(times[part[0]])):
             way, there = March(fold, tissue), approach(clip, float(times[part[0]]), fold.rig)
-            deque(way.through(there, np.linspace(0.0, 1.0, _APPROACH)), maxlen=0)
+            moments = np.linspace(0.0, 1.0, _APPROACH)
+            deque(way.through(there, moments, _strides(fold, hinges, there, moments)), maxlen=0)
             marching.reached += way.reached
         yield from marching.through(clip, times[part], strides[part])
+
+
+def _strides(fold: Fold, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> Floats:
+    """(frames, hinges) angles at (frames,) seconds of a clip, in strides."""
+    return np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges], axis=1)
 
 
 def resolve(

@@ -268,11 +268,8 @@ class GivenUpWords:
     def left_out(self) -> str:
         """The warning that says that the fold is given up, why, and what to do."""
         found, where = self.given_up, ""
-        if found.clip is not None:
-            where = f" in {found.clip!r}"
-        elif found.degrees is not None:
+        if found.degrees is not None:
             where = f" where {self.joint} turns by {found.degrees:.0f}°"
-        poses = f" ({counted(found.poses, 'pose')} in all)" if found.poses > 1 else ""
         hint = "lower or fewer bumps leave more room"
         if found.reason == DEGENERATE:
             hint = "mend the mesh there"
@@ -286,4 +283,4 @@ class GivenUpWords:
         else:
             hint += "; `contact: off` is the same without this line"
         fold = "this fold" if self.joint is None else f"this fold at {self.joint}"
-        return f"{', '.join(self.tools)}: contact is left out of {fold}: it {found.reason}{where}{poses}; {hint}"
+        return f"{', '.join(self.tools)}: contact is left out of {fold}: it {found.reason}{where}; {hint}"

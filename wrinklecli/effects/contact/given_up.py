@@ -31,15 +31,10 @@ class GivenUp:
 
     Attributes:
         reason: A clause about contact, such as `UNSETTLED`.
-        poses: Number of poses of the clip, or of the fold's own motion, in which it showed, up to the first that does
-            not settle; 0 if not counted.
-        clip: The clip's name; None for the fold's own motion.
-        degrees: Turn of the joint in the fold's own motion, if a joint bends it.
+        degrees: Turn of the joint there, if a joint bends the fold.
     """
 
     reason: str
-    poses: int = 0
-    clip: str | None = None
     degrees: float | None = None
 
 

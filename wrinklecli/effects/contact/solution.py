@@ -213,11 +213,8 @@ class March:
     spans: "list[_Span]" = field(default_factory=list)
     count: int = 0
 
-    def through(self, clip: Clip, times: Floats, strides: Floats | None = None) -> Iterator[Solution]:
-        """Solve the fold at (frames,) seconds of a clip.
-
-        Without (frames, hinges) angles there, in strides, no pose gets a mean of others.
-        """
+    def through(self, clip: Clip, times: Floats, strides: Floats) -> Iterator[Solution]:
+        """Solve the fold at (frames,) seconds of a clip, with (frames, hinges) angles there, in strides."""
         poses, ahead, last = _poses(self.fold, self.tissue, clip, times), list[SkinnedPose](), None
         touching = bool(self.reached) and bool(self.reached[-1].state.correction.any())
         before = self.count
@@ -227,19 +224,16 @@ class March:
                 self._keep(found[-1].state, self.reached[-1] if self.reached else None)
             else:
                 ahead += islice(poses, _MOST_AT_ONCE - len(ahead))
-                turns = None if strides is None else strides[max(self.count - before - 1, 0) :]
-                found = self._solved(ahead, last, turns)
+                found = self._solved(ahead, last, strides[max(self.count - before - 1, 0) :])
             ahead, last, self.count = ahead[len(found) :], found[-1], self.count + len(found)
             touching = last.fault is not None or last.touches
             yield from found
 
-    def _solved(self, poses: Sequence[SkinnedPose], last: Solution | None, strides: Floats | None) -> list[Solution]:
+    def _solved(self, poses: Sequence[SkinnedPose], last: Solution | None, strides: Floats) -> list[Solution]:
         """Solve the first few of some poses, or those within a step from the last one before.
 
         The first of (frames, hinges) strides are those of the last one.
         """
-        if strides is None:
-            return [self._solve(poses[0])]
         if last is None or not last.touches:
             return [self._between(posed) or self._solve(posed) for posed in poses[:_AHEAD]]
         first = self._between(poses[0])
