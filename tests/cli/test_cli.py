@@ -236,6 +236,17 @@ def test_a_tool_that_hits_nothing(wrinkle: Wrinkle, tmp_path: Path, old: Path) -
     assert_at_fault(ran, tmp_path, "tools.yaml:", "tools[0].origin", "from the mesh")
 
 
+def test_a_file_of_clips_alone(wrinkle: Wrinkle, tmp_path: Path, old: Path) -> None:
+    assert old
+
+    def bare(editor: Editor) -> None:
+        del editor.json["meshes"], editor.json["nodes"][0]["mesh"], editor.json["nodes"][0]["skin"]
+
+    asset = edited("wrist", bare)
+    for command in (("bake", asset, "tools.yaml", "-o", "out.glb"), ("suggest", asset)):
+        assert_at_fault(wrinkle(*command), tmp_path, "it has no mesh: --anim takes its clips, beside a character")
+
+
 def test_a_mesh_that_does_not_deform(wrinkle: Wrinkle, tmp_path: Path, old: Path) -> None:
     def rigid(editor: Editor) -> None:
         del editor.json["nodes"][0]["skin"]

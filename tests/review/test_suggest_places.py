@@ -70,6 +70,7 @@ def test_places_have_the_words_of_an_artist(joint: str, normal: Any, stem: str, 
 def test_both_sides_are_said_together() -> None:
     assert PlaceName("knee", "back").words("L", "R") == "back of the left and right knee"
     assert PlaceName("waist", "front").words() == "front of the waist"
+    assert PlaceName("waist", "left").words("L", "R") == "left and right side of the waist"
 
 
 def test_five_fingers_that_are_only_numbered_are_in_order() -> None:

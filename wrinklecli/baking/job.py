@@ -11,7 +11,7 @@ from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
-from wrinklecli.character.scene import deforms
+from wrinklecli.character.scene import deforms, none_deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.drive.drive import wrinkle_entry
 from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
@@ -380,9 +380,7 @@ def _node_of(tool: EffectTool, document: Document, names: MeshNames, key: str = 
         if len(whole) == 1:
             return whole[0]
         if not deforming:
-            raise BakeError(
-                "no mesh of the asset deforms: it has neither a skin nor morph targets", where=document.path
-            )
+            raise BakeError(f"no mesh of the asset deforms: {none_deforms(document)}", where=document.path)
         several = listed(names.name_of(index) for index in deforming)
         raise BakeError(f"several meshes deform; say which, by node: one of {several}", where=tool.where)
     matches = names.called(tool.node)

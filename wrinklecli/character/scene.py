@@ -121,6 +121,13 @@ def deforms(document: Document, node: int) -> bool:
     return "skin" in shown or bool(morph_target_names(document.items("meshes")[shown["mesh"]]))
 
 
+def none_deforms(document: Document) -> str:
+    """The reason why no mesh of an asset deforms, with what to do with a file of clips alone."""
+    if not document.items("meshes"):
+        return "it has no mesh: --anim takes its clips, beside a character"
+    return "it has neither a skin nor morph targets"
+
+
 def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tuple[ScenePrimitive, ...]:
     """Read every primitive of every node of the default scene, in the document's order.
 

@@ -44,8 +44,6 @@ _SIDES: Mapping[str, str] = {
     "outer": "outer side",
     "inner": "inner side",
     "under": "underside",
-    "left": "left side",
-    "right": "right side",
     "palm": "palm side",
 }
 
@@ -70,6 +68,8 @@ class PlaceName:
     def words(self, *sides: str) -> str:
         """The place in a sentence, without an article; `sides` are L, R or both."""
         both = " and ".join({"L": "left", "R": "right"}[side] for side in sides)
+        if self.aspect in ("left", "right"):  # of a waist, which both sides share
+            return f"{both or self.aspect} side of the {self.noun}"
         named = f"{both} {self.noun}" if sides else self.noun
         return f"{_SIDES.get(self.aspect, self.aspect)} of the {named}" if self.aspect else named
 
