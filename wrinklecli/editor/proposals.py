@@ -78,7 +78,7 @@ def proposals_of(found: Suggestions) -> list[Proposal]:
     tools = [
         Proposal(
             name=each.tool.name,
-            why=f"{each.words_of_both}, which {each.clip} shortens by {100 * each.shortening:.0f} %",
+            why=f"{each.words_of_both}, shortened by {100 * each.shortening:.0f} % in {each.clip}",
             values={**values, **{key: value for key, value in defaults.items() if key not in values}},
         )
         for each, values in zip(found.tools, file.tools, strict=True)

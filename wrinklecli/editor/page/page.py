@@ -62,16 +62,14 @@ _ROW = (
 )
 _DOT = "display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.5em"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
-_START_EMPTY = "Find places proposes tools; new ones take a click or two on the mesh. Then move their sliders."
+_START_EMPTY = (
+    "Find places proposes tools. A new field takes a click on a garment, a tool two, across the wrinkles to be.\n"
+    "Drag turns the view, with the right button it moves, the wheel comes closer."
+)
 _NO_WARNINGS, _CHECKING = "no warnings", "checking …"
 _NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
 _TURN = "Pose turns joints by hand."
 _DRAG_DOT = "Drag its dot: the skin slides."
-_HINT = (
-    "None yet. A new field takes a click on a garment, a tool two, across the wrinkles to be; Find places looks for "
-    "folds. "
-    "Drag turns the view, with the right button it moves, the wheel comes closer."
-)
 
 
 class Page:
@@ -334,12 +332,12 @@ class Page:
         show_changed(self._names, "options", names)
         self._names.value = self.chosen or _ALL
         # With a tool chosen, the rest makes room for its sliders.
-        for each in (self._files.opened, self._list, self._suggest_panel.folder):
+        for each in (self._files.opened, self._suggest_panel.folder):
             show_changed(each, "visible", self.chosen is None)
+        show_changed(self._list, "visible", self.chosen is None and bool(tools))
         self._names.visible = self.chosen is not None
         self._pointer.make_room(for_tool=self.chosen is not None)
-        rows = "".join(self._row_of(number, tool) for number, tool in enumerate(tools))
-        show_changed(self._rows, "content", rows or paragraph_of(_HINT, QUIET))
+        show_changed(self._rows, "content", "".join(self._row_of(number, tool) for number, tool in enumerate(tools)))
 
     def _row_of(self, number: int, tool: EditedTool) -> str:
         """HTML of a tool's row: its colour in the view, its name with notes, and a switch."""

@@ -126,9 +126,9 @@ class SuggestPanel:
 
 
 def _card(number: int, row: _Row, picture: Bytes | None) -> str:
-    """HTML of a proposal: its picture, and below it the clip, the height and the reason."""
-    raised = row.raised
-    where = "" if raised is None else f"{raised.clip.name} {raised.time:.2f} s, {raised.height:.3g} tall. "
-    text = html.escape(f"{where}{row.proposal.why}")
+    """HTML of a proposal: its picture, and below it the reason, the height and the clip."""
+    raised, why = row.raised, row.proposal.why
+    when = "" if raised is None else f"; {raised.height:.3g} tall at {raised.time:.2f} s of {raised.clip.name}"
+    text = html.escape(f"{why[:1].upper()}{why[1:]}{when}")
     style = "padding:4px 12px;font-size:.85em;overflow-wrap:anywhere"
     return f'<div data-over="proposal {number}" style="{style}">{image(picture, BOTH)}{text}</div>'
