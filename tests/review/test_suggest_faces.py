@@ -30,7 +30,7 @@ from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RestLengthMorph
 
-EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin", "neck.L"]
+EVERY = ["forehead", "forehead_side.L", "glabella", "crows_foot.L", "bunny.L", "nasolabial.L", "chin"]
 # Without a target of the nose or the chin, as of a VRM.
 EXPRESSIVE = [name for name in EVERY if name not in ("bunny.L", "chin")]
 VARIANTS: dict[str, tuple[Face, Callable[[Face], Asset], list[str]]] = {
@@ -107,8 +107,6 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
 def test_each_region_has_its_tool(variant: str) -> None:
     face, _, found = suggested(variant)
     *_, names = VARIANTS[variant]
-    if variant == JUDGED:
-        names = [name for name in names if name != "neck.L"]  # its crests are hardly seen
     tools = {each.tool.name: each for each in found.tools}
     if variant == "turned":
         # Nothing mirrors a turned head.
@@ -145,13 +143,6 @@ def test_each_region_has_its_tool(variant: str) -> None:
     reach = half * ways["nasolabial.L"][0] / np.hypot(*ways["nasolabial.L"][:2])
     assert NOSE - 0.002 < y + reach < EYES - 0.02
     assert abs(y - reach - MOUTH) < 0.006
-    if "neck.L" in places:
-        x, y, _ = places["neck.L"]
-        assert x > 0.03
-        assert y < CHIN
-        # The lines go from the ear to the pit of the throat.
-        assert ways["neck.L"][1] > 0.4
-        assert ways["neck.L"][2] > 0.4
     if "bunny.L" in places:
         x, y, _ = places["bunny.L"]
         assert 0.005 < x < 0.02
@@ -164,7 +155,7 @@ def test_each_region_has_its_tool(variant: str) -> None:
         single = each.tool.name.startswith("nasolabial")
         assert (each.tool.bumps, each.tool.strength) == (1, -1.0) if single else 3 <= each.tool.bumps <= 5
         assert each.shortening > 0.04
-        assert each.by_morph is not each.tool.name.startswith("neck")
+        assert each.by_morph
 
 
 def upright(face: Face, place: np.ndarray) -> np.ndarray:
@@ -199,9 +190,9 @@ def test_patches_are_low_and_end_before_lids_and_lips(variant: str) -> None:
     tools = parse_tools(found.text)
     rest = rest_pose(surface, rig, tools, (), [])
     for patch in attach_tools(list(tools.tools), surface, rest, rig, up="y"):
-        # No wrinkle of a young face is higher than a millimetre and a half; lines of a neck, and the fold beside a
-        # mouth, are up to two and a half.
-        high = any(name in patch.tool.name for name in ("neck", "nasolabial"))
+        # No wrinkle of a young face is higher than a millimetre and a half; the fold beside a mouth is up to two and a
+        # half.
+        high = "nasolabial" in patch.tool.name
         assert patch.greatest_height < (0.012 if high else 0.007) * face.height
         for name, rim in face.rims.items():
             u, v = patch.coordinates(rim)
@@ -221,7 +212,7 @@ def test_what_is_written_passes_a_strict_check(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_plain_names_do_what_they_can() -> None:
     found = suggest(sample("head"), face=True)
-    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella", "neck.L"]
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
     # The brows of the sample go down and not together: the weight makes the lines between them.
     assert isinstance(found.tools[2].tool.rest_length, RestLengthMorph)
     (note,) = (note for note in found.notes if "no such target" in note)
@@ -241,7 +232,7 @@ def test_targets_that_move_nothing_are_said(tmp_path: Path) -> None:
         if "row" in name or "Sneer" in name
     }
     found = suggest(face.asset(still).write(tmp_path / "face.glb"), face=True)
-    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella", "neck.L"]
+    assert [each.tool.name for each in found.tools] == ["forehead", "forehead_side.L", "glabella"]
     assert any("bunny lines (noseSneer)" in note for note in found.notes)
 
 

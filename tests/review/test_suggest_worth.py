@@ -11,9 +11,10 @@ import pytest
 
 from kit import characters
 from kit.limb import limb
+from kit.samples import sample
 from kit.sheet import line
 from kit.sheet import sheet as sheet_of
-from kit.suggested import run, squeezed
+from kit.suggested import run, squeezed, suggest_once
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
@@ -154,3 +155,12 @@ def test_several_processes_propose_the_same(tmp_path: Path) -> None:
     one, two = (suggest(asset, jobs=jobs) for jobs in (1, 2))
     assert (one.text, one.dropped, one.notes) == (two.text, two.dropped, two.notes)
     assert one.tools
+
+
+@pytest.mark.slow
+def test_a_note_says_what_the_assets_own_targets_take_for_new_vertices() -> None:
+    found = suggest_once(sample("head"))
+    own = sum(each.own_bytes for each in found.tools)
+    assert own > 0
+    (note,) = (note for note in found.notes if "own morph targets" in note)
+    assert f"{own / 1e6:.1f} MB more" in note

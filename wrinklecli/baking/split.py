@@ -79,6 +79,12 @@ def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
     )
 
 
+def grown_bytes(plan: MeshPlan) -> int:
+    """GPU memory that the mesh's own morph targets take for the vertices that refinement adds, before a split."""
+    added = plan.fine.morph_deltas[: len(plan.rig.own.morph_names), len(plan.fine.surface.positions) :]
+    return texel_bytes(plan, int(np.count_nonzero(added.any(axis=2))))
+
+
 def _split(whole: EditedDocument, source: Document, mesh: BakedMesh) -> BakedMesh:
     parts = _parts(whole.source, source, mesh)
     return mesh if len(parts) < 2 else _told(whole, mesh, split_node(whole, mesh.plan.rig.node, parts))

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from wrinklecli.review.suggest.garments import SuggestedField
     from wrinklecli.review.suggest.moves import Move
     from wrinklecli.review.suggest.muscles import SuggestedMuscle
+    from wrinklecli.review.suggest.score import Score
     from wrinklecli.review.suggest.suggest import Suggestions
     from wrinklecli.review.suggest.touches import SuggestedTouch
 
@@ -218,14 +219,18 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "score": _short(each.score),
         "height": _short(each.height),
         "gpu_bytes": each.gpu_bytes,
-        "keep": None if each.judgement is None else round(each.judgement.keep, 3),
-        "merits": None
-        if each.judgement is None
-        else {name: round(value, 3) for name, value in asdict(each.judgement.merits).items() if not math.isnan(value)},
+        **_json_score(each.judgement),
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
         "confidence": None if each.substance is None else round(each.substance.confidence, 2),
     }
+
+
+def _json_score(judgement: "Score | None") -> dict[str, Any]:
+    if judgement is None:
+        return {"keep": None, "merits": None}
+    known = {name: round(value, 3) for name, value in asdict(judgement.merits).items() if not math.isnan(value)}
+    return {"keep": round(judgement.keep, 3), "merits": known}
 
 
 def _json_field(each: "SuggestedField") -> dict[str, Any]:
@@ -245,6 +250,7 @@ def _json_field(each: "SuggestedField") -> dict[str, Any]:
         "wavelength": _short(each.wavelength),
         "targets": each.targets,
         "gpu_bytes": each.gpu_bytes,
+        **_json_score(each.judgement),
     }
 
 
@@ -313,6 +319,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
             each.mesh,
             each.clip,
             f"{each.time:.2f} s",
+            f"{100 * each.judgement.keep:.0f} %",
             f"{each.height:.3g}",
             f"{each.wavelength:.3g}",
             str(each.targets),
@@ -321,7 +328,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         for each in found.fields
     ]
     if fields:
-        yield [["field", "mesh", "clip", "at", "height", "wavelength", "targets", "on a GPU"], *fields], 5
+        yield [["field", "mesh", "clip", "at", "keep", "height", "wavelength", "targets", "on a GPU"], *fields], 6
     if found.tools:
         yield _tool_rows(found.tools), 5
     muscles = [

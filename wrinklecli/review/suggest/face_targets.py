@@ -105,8 +105,6 @@ REGIONS = (
     ),
     FaceRegion("the chin", "chin", ("mouthShrugLower",), ("chin", "mouth"), "nose", middle=True),
 )
-# The side of the neck to which the head turns.
-NECK = FaceRegion("the side of the neck", "neck", (), ("chin", "mouth"), "face")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,32 +9,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.motion import motion_clip, raising, turning
-from wrinklecli.character.pose import node_matrices
+from wrinklecli.character.motion import motion_clip, raising
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
-from wrinklecli.choices import Part
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
-    face_normals,
     significant,
     unit,
-    unit_quaternions,
     weighted_quantiles,
 )
-from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
+from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
-from wrinklecli.review.suggest.face_parts import Face, cropped, read_face, read_skin
+from wrinklecli.review.suggest.face_parts import Face, read_face
 from wrinklecli.review.suggest.face_targets import (
     COLUMNS,
     HEIGHTS,
-    NECK,
     REGIONS,
     VOCABULARIES,
     FaceRegion,
@@ -43,12 +37,11 @@ from wrinklecli.review.suggest.face_targets import (
     read_face_targets,
 )
 from wrinklecli.review.suggest.fitted_tools import LEAST_BY_MORPH, Suggestion, suggestion_of
-from wrinklecli.review.suggest.measure import ground_of
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import attached, attached_and_folded, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import CompressedRegion, connected_sites
-from wrinklecli.surface.sites import at_sites, spread_sites
-from wrinklecli.surface.strain import along_directions, principal, strain, unscaled_pose
+from wrinklecli.surface.sites import at_sites
+from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import usual_bumps
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -57,7 +50,7 @@ from wrinklecli.tools.records import Length, WrinkleTool
 _REGION_LOSS = 0.5
 # Fewest sites of a region: fewer say too little.
 _FEWEST_SITES = 4
-# Highest point of a wrinkle of a face relative to its width: a young one's are low. A neck has the material's.
+# Highest point of a wrinkle of a face relative to its width: a young one's are low.
 _BUMP_HEIGHT = 0.1
 # Greatest length of a bump over the tool's width: lines are several times as long as they are wide.
 _BUMP_OF_WIDTH = 0.3
@@ -80,12 +73,6 @@ _FURROW = 0.4
 _FACING = 0.25
 # Least and greatest angle to either side by which crow's feet spread round an eye, radians.
 _SPREAD = np.radians([22.0, 35.0])
-# Degrees by which neck and head turn together, each joint by as much: most people reach 70°.
-_TURN = 60.0
-# Least loss of a triangle that the turn folds.
-_NECK_LOSS = 0.05
-# Least cosine of the normal of neck skin and where the face looks: the nape is under hair.
-_IN_FRONT = -0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,19 +126,6 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
             else:
                 of_side = region.title + {"": "", "L": ", left", "R": ", right"}[side]
                 notes.append(f"{where}: no tool for {of_side}: {fitted or 'no target on this side'}")
-    neck = _neck(document, nodes, face)
-    if neck is None:
-        notes.append(f"{where}: no tool for the neck: no joint of a neck or head folds skin")
-    else:
-        skin, turns = neck
-        pairs: list[tuple[Side, Clip]] = [("L", turns[0]), ("R", turns[1])]
-        for side, turn in pairs[:1] if face.symmetric else pairs:
-            fitted = _fit(skin, NECK, side, (turn,), clips)
-            if isinstance(fitted, Suggestion):
-                tools.append(fitted)
-                motions[turn.name] = turn
-            else:
-                notes.append(f"{where}: no tool for the neck: {fitted}")
     if missing:
         notes.insert(0, f"{where}: no tool for {', '.join(missing)}: it has no such target")
     reason = "" if tools else f"{where}: no morph target compresses the skin where a face has lines"
@@ -190,7 +164,6 @@ def _fit(
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
     ends = _within(face, ends, _longest(face, region))
-    driver = together.name if face.targets else region.name
     candidate = Candidate(
         mesh,
         compressed,
@@ -199,8 +172,8 @@ def _fit(
         *ends,
         float(compressed.weights.sum()),
         "skin",
-        driver=driver,
-        by_morph=bool(face.targets),
+        driver=together.name,
+        by_morph=True,
         place=PlaceName(region.title.removeprefix("the ")),
     )
     if region.round_eye:
@@ -331,16 +304,14 @@ def _fit_tool(
     if patches is None:
         return f"there is no room for it where {name} compresses the skin"
     by_weight = name if region.middle and name in mesh.rig.morph_names else ""
-    least = LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS
-    folded = attached_and_folded(mesh, [each.tool for each in patches], least, by_weight)
+    folded = attached_and_folded(mesh, [each.tool for each in patches], LEAST_BY_MORPH, by_weight)
     if folded is None:
         return f"{name} hardly shortens the skin there"
     patches, shortenings = folded
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
-    made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT if candidate.by_morph else None)
-    part: Part | None = None if candidate.by_morph else "neck"
-    return replace(suggestion_of(candidate, patches, shortenings, made), part=part, own_profile=region.furrow)
+    made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT)
+    return replace(suggestion_of(candidate, patches, shortenings, made), own_profile=region.furrow)
 
 
 def _times(clip: Clip) -> Floats:
@@ -397,53 +368,3 @@ def _near_rims(face: Face, patch: Attached[WrinkleTool]) -> Floats | None:
     under = sites.gather[:, np.isin(sites.gauge.numbers, region.members)].sum(axis=1) > 0
     reached = ~face.free & (shares > _FADED) & under
     return np.asarray(sites.positions[reached].mean(axis=0)) if reached.any() else None
-
-
-def _neck(document: Document, nodes: Mapping[int, str | None], face: Face) -> tuple[Face, tuple[Clip, Clip]] | None:
-    """Find the skin that folds where a head turns, in the frame of its face, and the turns to the left and the right.
-
-    Returns:
-        The face with the neck's skin in place of its own; None if no joint turns the head, or nothing folds.
-    """
-    best: tuple[float, Face, tuple[Clip, Clip]] | None = None
-    for node, name in nodes.items():
-        rig = read_rig(document, node)
-        turns = _turns(document, rig, face.up)
-        gauge = None if turns is None else read_skin(document, rig)
-        if turns is None or gauge is None:
-            continue
-        crosses = gauge.rest.way * face_normals(gauge.rest.positions, gauge.triangles)
-        normals = unit(crosses)
-        losses, _ = principal(strain(gauge, turns[0], np.array([1.0]))[0], normals)
-        folded = (losses > _NECK_LOSS) & (normals @ face.ahead > _IN_FRONT)
-        area = float(np.sqrt(np.sum(crosses[folded] ** 2, axis=1)).sum())
-        if area > 0 and (best is None or area > best[0]):
-            skin = cropped(gauge, folded)
-            mesh = replace(face.mesh, ground=ground_of(document, skin), sites=spread_sites(skin), node=name)
-            best = area, replace(face, mesh=mesh, targets=(), moved={}), turns
-    return None if best is None else best[1:]
-
-
-def _turns(document: Document, rig: Rig, up: Floats) -> tuple[Clip, Clip] | None:
-    """The turns of neck and head to the left and to the right about a (3,) axis; None if no joint turns them."""
-    parts = read_bones(document).parts
-    joints = [
-        node
-        for node in sorted({int(joint) for joint in rig.joints})
-        if parts[node] in ("neck", "head") and "rotation" in rig.locals[node]
-    ]
-    if not joints:
-        return None
-    name = " + ".join(rig.names[node] for node in joints)
-    angle = np.radians(_TURN) / len(joints)
-
-    def turned(sign: float, side: str) -> Clip:
-        channels = []
-        for node in joints:
-            parent = int(rig.parents[node])
-            linear = node_matrices(rig, None, np.zeros(1), [parent])[0, 0, :3, :3] if parent >= 0 else np.eye(3)
-            axis = unit(np.linalg.pinv(linear) @ up)
-            channels.append(turning(node, unit_quaternions(rig.locals[node]["rotation"]), axis, sign * angle))
-        return motion_clip(f"{name} turned {side}", channels)
-
-    return turned(1.0, "left"), turned(-1.0, "right")

@@ -99,6 +99,7 @@ class Suggestion:
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
         height: The greatest displacement, scene units; 0 if nobody looked.
         gpu_bytes: What its morph targets take on a GPU, where each part of the mesh has only those that move it.
+        own_bytes: What the mesh's own targets take there for the vertices that it adds.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
         fault: Why an artist would not wrinkle the place, if its looks need not say so.
         is_judged: True once somebody looked.
@@ -126,6 +127,7 @@ class Suggestion:
     crossings: int = 0
     height: float = 0.0
     gpu_bytes: int = 0
+    own_bytes: int = 0
     judgement: Score | None = None
     fault: str = ""
     is_judged: bool = False
@@ -250,7 +252,7 @@ class _Search:
         by_weight = driver if candidate.by_morph and region.on_plane else ""
         for tools in choices:
             named = renamed(tools, stem, self.names)
-            found = attached_and_folded(mesh, named, _least_shortening(candidate), by_weight)
+            found = attached_and_folded(mesh, named, _least_shortening(candidate), by_weight, at_once=True)
             if found is None:
                 continue
             patches, shortenings = found

@@ -3,17 +3,16 @@
 A field lies on cloth alone, and the joints of the trunk and of limbs fold it: collars, gloves and shoes fold otherwise.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.split import planned_bytes
+from wrinklecli.baking.split import grown_bytes, planned_bytes
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
-from wrinklecli.character.clip import Clip, clip_grid
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
@@ -27,19 +26,19 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, diagonal
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.review.suggest.cover import is_covered
 from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh
+from wrinklecli.review.suggest.score import Score, mean_of
 from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.review.suggest.text import entry, quoted
+from wrinklecli.review.suggest.text import entry, left_out_without_all, quoted
 from wrinklecli.review.suggest.trial import MOST_LEVELS, TriedAsset
-from wrinklecli.review.suggest.worth import Dropped, fault_of
+from wrinklecli.review.suggest.worth import Dropped, frames_of, look_in
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import OF_MATERIALS, Field
-from wrinklecli.tools.mirror import numbered
-from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, Sampling, ToolsFile, parse_length
+from wrinklecli.tools.mirror import exchange_sides, numbered
+from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, ToolsFile, parse_length
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
@@ -52,16 +51,10 @@ _SOME, _ALL = 0.1, 0.97
 _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
 # Part of the largest area that a joint bends below which it folds nothing.
 LEAST_BENT = 0.02
-# Shapes of a field that are looked at where they are tallest: half of them have to be worth it.
-_LOOKS = 4
+# Moments of the tallest folds at which a field is looked at. By two, a shirt is lost of which a sleeve hides one.
+_LOOKS = 3
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
-# Part of the budget for fields: eight tools of 0.1 MB each, as most take, are a tenth of the usual budget.
-_OF_FIELDS = 0.9
-# Most that folds are widened to take less memory: they still look like those of the material.
-_WIDEST = 1.5
-# Edges are halved as a whole, so that a wavelength that should just fit may not.
-_TO_FIT = 1.1
 # Characters of a line of a list.
 _LONGEST = 100
 
@@ -80,7 +73,9 @@ class SuggestedField:
         wavelength: From crest to crest, scene units.
         targets: The number of its morph targets.
         gpu_bytes: What they take at most on a GPU where each part of the mesh has those that move it.
+        own_bytes: What the mesh's own targets take there for the vertices that it adds.
         levels: How often edges are halved for it.
+        judgement: What one sees of it at its tallest folds, as a score.
     """
 
     field: Field
@@ -92,7 +87,9 @@ class SuggestedField:
     wavelength: float
     targets: int
     gpu_bytes: int
+    own_bytes: int
     levels: int
+    judgement: Score
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +107,12 @@ class Garment:
     field: Field
     why: str
     cloth: Floats
+
+    def widened(self, factor: float) -> "Garment":
+        """The garment with folds that are wider by a factor."""
+        length = self.field.wavelength
+        wider = replace(length, value=round(length.value * factor, 1))
+        return replace(self, field=replace(self.field, wavelength=wider))
 
 
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
@@ -130,7 +133,7 @@ def _garment(
     taken: Sequence[str],
     options: SuggestOptions,
 ) -> Garment | None:
-    """The field of a mesh; None if hardly anything of it is cloth that is seen, or if no joint folds it."""
+    """The field of a mesh; None if hardly anything of it is cloth, or if no joint folds it."""
     gauge, rig, document = mesh.gauge, mesh.rig, asset.document
     if not rig.skinned or is_rigid(gauge):
         return None
@@ -152,7 +155,7 @@ def _garment(
     kinds = np.where(asked < 0, kinds, asked)
     cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
     share = float(gauge.areas @ cloth / gauge.areas.sum())
-    if share < _SOME or is_covered(mesh, asset.layers, gauge.areas * cloth, mesh.clips[0], mesh.clips[0].start):
+    if share < _SOME:
         return None
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
     stem = _name_of([rig.names[rig.node], str(document.items("meshes")[rig.mesh].get("name", ""))])
@@ -205,33 +208,18 @@ def suggest_fields(
     clips: Sequence[Clip],
     budget: float,
     progress: Progress,
+    *,
+    everything: bool,
 ) -> tuple[list[SuggestedField], list[Dropped]]:
     """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
     The budget is bytes on a GPU. What a field takes is known before the mesh carries it, which takes longest. Where all
-    take too much, wider folds, which need fewer vertices, may fit: so all are as much wider.
+    take too much, folds are as much wider: those need fewer vertices. With `everything` all are kept that can be baked.
     """
-    drafts, dropped = list[_Draft](), list[Dropped]()
-
-    def draft(each: Garment) -> None:
-        try:
-            drafts.append(_Draft.of(asset, each))
-        except WrinkleError as error:
-            where = each.mesh.rig.names[each.mesh.rig.node]
-            dropped.append(Dropped(each.field.name, where, "refused", 0.0, error.lines[0]))
-
-    for each in garments:
-        draft(each)
-    usual, total = [each.garment for each in drafts], sum(each.gpu_bytes for each in drafts)
-    # Vertices are about as many as squares of a wavelength's side.
-    for wider in (min(_TO_FIT * math.sqrt(total / max(_OF_FIELDS * budget, 1.0)), _WIDEST), _WIDEST):
-        if sum(each.gpu_bytes for each in drafts) <= _OF_FIELDS * budget:
-            break
-        drafts = []
-        for each in usual:
-            wavelength = each.field.wavelength
-            length = replace(wavelength, value=round(wavelength.value * wider, 1))
-            draft(replace(each, field=replace(each.field, wavelength=length)))
+    drafts, dropped = _drafts(asset, garments)
+    total = sum(each.gpu_bytes for each in drafts)
+    if total > budget:
+        drafts, dropped = _drafts(asset, [each.widened(total / budget) for each in garments])
     fitting = list[_Draft]()
     for made in drafts:
         if made.gpu_bytes > budget:
@@ -240,14 +228,36 @@ def suggest_fields(
         else:
             budget -= made.gpu_bytes
             fitting.append(made)
-    fields = list[SuggestedField]()
+    tried = list[SuggestedField]()
     for step, found in enumerate(in_processes(partial(_judged, asset, clips), fitting, asset.jobs), 1):
         progress("fields", step, len(fitting))
         if isinstance(found, Dropped):
             dropped.append(found)
         else:
-            fields.append(found)
+            tried.append(found)
+    fields = list[SuggestedField]()
+    by_mesh = {each.mesh: each for each in tried}
+    for each in tried:
+        # A sleeve alone looks like a fault, so left and right are judged together.
+        pair = each, by_mesh.get(exchange_sides(each.mesh), each)
+        score = Score.of(mean_of([one.judgement.merits for one in pair]))
+        if score.is_kept or everything:
+            fields.append(replace(each, judgement=score))
+        else:
+            dropped.append(Dropped(each.field.name, each.mesh, *score.reason))
     return fields, dropped
+
+
+def _drafts(asset: TriedAsset, garments: Sequence[Garment]) -> "tuple[list[_Draft], list[Dropped]]":
+    """The drafts of fields, and those that a bake would refuse."""
+    drafts, dropped = list[_Draft](), list[Dropped]()
+    for each in garments:
+        try:
+            drafts.append(_Draft.of(asset, each))
+        except WrinkleError as error:
+            where = each.mesh.rig.names[each.mesh.rig.node]
+            dropped.append(Dropped(each.field.name, where, "refused", 0.0, error.lines[0]))
+    return drafts, dropped
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,54 +291,54 @@ class _Draft:
 
 
 def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> SuggestedField | Dropped:
-    """A field that is worth it, or the reason why it is not.
+    """A field with its score, or the reason why there is none.
 
     It is looked at before a bake lowers it where it turns triangles over, which takes longest and always succeeds.
     """
     field, plan = draft.garment.field, draft.refined
     where = plan.rig.names[plan.rig.node]
+    dropped = partial(Dropped, field.name, where)
     try:
         part = sketch(draft.attached, 0, plan.fine, np.zeros(0, np.bool_))
     except WrinkleError as error:
-        return Dropped(field.name, where, "refused", 0.0, error.lines[0])
+        return dropped("refused", 0.0, error.lines[0])
     assert part is not None, "a field moves the skin"
     moving = [clip for clip in clips if not clip.nodes.isdisjoint(part.drive.nodes)]
     if not moving:
-        return Dropped(field.name, where, "not raised", 0.0)
-    seen = [seen_at(part, plan.rig, clip, clip_grid(clip, plan.rig, fps=Sampling().fps)) for clip in moving]
+        return dropped("not raised", 0.0)
+    seen = [seen_at(part, plan.rig, clip, frames_of(clip, plan.rig)) for clip in moving]
     warnings = part.words(plan).warnings(plan, seen, up="y")
     if plan.fine.subdivision.limited:
         warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")
     if warnings:
-        return Dropped(field.name, where, "warned", 0.0, warnings[0])
+        return dropped("warned", 0.0, warnings[0])
     # Each shape where it is tallest, the tallest of all first.
     heights = np.stack([each.weights.max(axis=0) for each in seen]) * part.sizes(plan.fine)
-    where_tallest, order = heights.argmax(axis=0), np.argsort(-heights.max(axis=0), kind="stable")[:_LOOKS]
-    moments = []
-    for shape, number in zip(order.tolist(), where_tallest[order].tolist(), strict=True):
-        motion = seen[number].motion
-        moments.append((motion.clip.name, float(motion.times[int(seen[number].weights[:, shape].argmax())])))
-    moments = list(dict.fromkeys(moments))
-    placement, faults, kept = Placement(plan, part), list[tuple[str, float]](), 0
-    for moment in moments:
-        fault = fault_of(asset, placement, *moment)
-        kept += fault is None
-        faults += [] if fault is None else [fault]
-        if 2 * len(faults) > len(moments):
-            return Dropped(field.name, where, *faults[0])
-        if 2 * kept >= len(moments):
-            break
+    moments: dict[tuple[str, float], None] = {}
+    for shape in np.argsort(-heights.max(axis=0), kind="stable").tolist():
+        tallest = seen[int(heights[:, shape].argmax())]
+        time = float(tallest.motion.times[int(tallest.weights[:, shape].argmax())])
+        moments[tallest.motion.clip.name, time] = None
+    placement = Placement(plan, part)
+    looks = [look_in(asset, placement, *moment, limb=False) for moment in list(moments)[:_LOOKS]]
+    raised = [each for each in looks if each is not None]
+    if not raised:
+        return dropped("not raised", 0.0)
+    clip, time = next(iter(moments))
     return SuggestedField(
         field=field,
         mesh=where,
         why=draft.garment.why,
-        clip=moments[0][0],
-        time=moments[0][1],
+        clip=clip,
+        time=time,
         height=float(heights.max()),
         wavelength=part.attached.bump_width,
         targets=len(part.drive.targets),
         gpu_bytes=draft.gpu_bytes,
+        own_bytes=grown_bytes(plan),
         levels=plan.fine.subdivision.levels,
+        # What armour hides of it there does not count, since the rest of a garment is seen.
+        judgement=Score.of(replace(mean_of([each.score.merits for each in raised]), seen=1.0)),
     )
 
 
@@ -355,6 +365,7 @@ def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
             f"  # {each.why}: folds are {each.wavelength:.3g} from crest to crest, and up to {each.height:.2g} high in"
             f" clip {printable(each.clip, 50)} at {each.time:.2f} s",
             f"  # {counted(each.targets, 'morph target')}, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split",
+            *left_out_without_all(each.judgement),
             *entry(field.name, keys),
             "",
         ]

@@ -33,19 +33,6 @@ _LEAST_KNOWN = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """The sight of a place.
-
-    Attributes:
-        side: From which it is seen, and how much of the wrinkles is visible from there.
-        crests: What one sees of its crests.
-    """
-
-    side: Side
-    crests: "Crests"
-
-
-@dataclass(frozen=True, slots=True)
 class Crests:
     """The change of lightness that wrinkles make at a place, over the lightness.
 
@@ -121,8 +108,8 @@ class Sight:
         return self.occluders.free(self.place.points, self.place.normals, directions)
 
 
-def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
-    """Look at a tool from a side, in the light in which a review shows it."""
+def look_at(staged: StagedTool, sight: Sight, side: Side) -> tuple[Side, Crests]:
+    """Look at a tool from a side, in the light in which a review shows it: what one sees from there, and its crests."""
     camera = Camera(sight.place.centre, side.axes, sight.reach, tangent=0.0)
     key = best_light(sight.place, camera.axes, sight.free)
     triangles, shown = staged.triangles, staged.shown
@@ -152,7 +139,7 @@ def look_at(staged: StagedTool, sight: Sight, side: Side) -> Seen:
         if known.any():
             crests = Crests.of(changes[known], us[known], vs[known], staged.bumps)
     # What hides a place may lie so near to it that its points seemed visible.
-    return Seen(side if taken[1].any() else UNSEEN, crests)
+    return side if taken[1].any() else UNSEEN, crests
 
 
 def _pixels_round(points: Floats) -> Ints:

@@ -98,7 +98,7 @@ def shortenings_of(
 
 
 def attached_and_folded(
-    mesh: MeasuredMesh, tools: list[WrinkleTool], least: float, morph: str = ""
+    mesh: MeasuredMesh, tools: list[WrinkleTool], least: float, morph: str = "", *, at_once: bool = False
 ) -> tuple[list[Attached[WrinkleTool]], list[dict[str, Shortening]]] | None:
     """Attach tools and find the `shortenings_of` each; None if a bake would refuse one, or none shortens enough.
 
@@ -107,9 +107,10 @@ def attached_and_folded(
         tools: One tool, or a pair.
         least: Least shortening, as a part of the rest length.
         morph: A morph target whose weight makes the wrinkles where the skin itself shortens less; empty for none.
+        at_once: Let that weight make them wherever there is one.
     """
-    fulls = (RestLengthMorph(morph, Length(full, percent=True)) for full in _FULL_BY_WEIGHT if morph)
-    for length in (None, *fulls):
+    fulls = [RestLengthMorph(morph, Length(full, percent=True)) for full in _FULL_BY_WEIGHT if morph]
+    for length in fulls if fulls and at_once else [None, *fulls]:
         patches = attached(mesh, [replace(each, rest_length=length) if length else each for each in tools])
         if patches is None:
             return None

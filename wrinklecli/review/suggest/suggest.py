@@ -163,7 +163,7 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
         tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
         garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, checked, budget, progress)
+        fields, unfit = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
         budget -= sum(each.gpu_bytes for each in fields)
         folded = {each.field.name for each in fields}
         bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
@@ -236,4 +236,8 @@ def _written(
     elif found.dropped:
         reason = "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand"
     inputs, notes = (*files_of(document), *beside), (*notes, *found.summary)
+    grown = round((sum(each.own_bytes for each in fields) + sum(each.own_bytes for each in found.tools)) / 1e6, 1)
+    if grown:
+        why = f"{grown} MB more on a GPU for the new vertices, which --budget does not count"
+        notes = (*notes, f"the asset's own morph targets take {why}")
     return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))

@@ -8,6 +8,7 @@ from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.draft import SLACK, decimals, place_of, written_length
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.score import Score
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.materials import presets as usual_presets
 from wrinklecli.tools.mirror import exchange_sides
@@ -83,9 +84,7 @@ def tools_text(
             lines.append(f"  # Up to {each.height:.2g} high, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split")
         if each.substance is not None:
             lines.append(f"  # {each.substance.words}")
-        fault = each.fault or (each.judgement.sentence if each.judgement and not each.judgement.is_kept else "")
-        if fault:
-            lines.append(f"  # Left out without --all: {fault}")
+        lines += left_out_without_all(each.judgement, each.fault)
         if each.crossings and tool.contact:
             lines.append(
                 "  # Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"
@@ -100,6 +99,12 @@ def tools_text(
             )
         lines += [*entry(tool.name, keys), ""]
     return "\n".join(lines[:-1]) + "\n"
+
+
+def left_out_without_all(judgement: Score | None, fault: str = "") -> list[str]:
+    """A comment that says why a suggestion is there with `--all` alone; none if it is there without."""
+    why = fault or (judgement.sentence if judgement and not judgement.is_kept else "")
+    return [f"  # Left out without --all: {why}"] if why else []
 
 
 def _written_height(tool: WrinkleTool) -> str | None:

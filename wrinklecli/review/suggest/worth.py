@@ -13,7 +13,7 @@ from itertools import islice
 
 import numpy as np
 
-from wrinklecli.baking.split import planned_bytes
+from wrinklecli.baking.split import grown_bytes, planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
@@ -205,13 +205,14 @@ def _judged(
 
     It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
-    limb = not (suggestion.by_morph or suggestion.part == "neck")
-    look = _look(asset, placed[suggestion.tool.name], suggestion.clip, suggestion.time, limb=limb)
+    placement, limb = placed[suggestion.tool.name], not suggestion.by_morph
+    look = look_in(asset, placement, suggestion.clip, suggestion.time, limb=limb)
     judged = replace(
         suggestion,
         judgement=None if look is None else look.score,
         height=0.0 if look is None else look.tallest.height,
         gpu_bytes=_cost(placed),
+        own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
         is_judged=True,
     )
     if checked is None:
@@ -245,7 +246,7 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
     clips = _shortest_clips(suggestion, clips)
     for placement in placed.values():
         plan, part = placement.plan, placement.part
-        seen = [seen_at(part, plan.rig, clip, _frames_of(clip, plan.rig)) for clip in clips]
+        seen = [seen_at(part, plan.rig, clip, frames_of(clip, plan.rig)) for clip in clips]
         lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
         lines += turned_warnings(plan, part, seen)
         if lines:
@@ -255,20 +256,8 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
     return (warnings or [""])[0], needed
 
 
-def fault_of(asset: TriedAsset, placement: Placement, clip: str, time: float) -> tuple[str, float] | None:
-    """Why a field is not worth it where it is tallest, with the number that says so; None if it is.
-
-    What armour hides of it there does not count, since the rest of a garment is seen.
-    """
-    look = _look(asset, placement, clip, time, limb=False)
-    if look is None:
-        return "not raised", 0.0
-    score = Score.of(replace(look.score.merits, seen=1.0))
-    return None if score.is_kept else score.reason
-
-
 @dataclass(frozen=True, slots=True)
-class _Look:
+class Look:
     """A look at a tool.
 
     Attributes:
@@ -288,20 +277,20 @@ class _Look:
     @property
     def score(self) -> Score:
         """Measure and weigh the tool."""
-        seen = look_at(self.best, self.sight, self.side)
+        side, crests = look_at(self.best, self.sight, self.side)
         hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
-        light = seen.crests.contrast + _UNNOTICED
+        light = crests.contrast + _UNNOTICED
         return Score.of(
             Merits(
-                seen=seen.side.visible,
-                crests=seen.crests.contrast * seen.crests.share / light,
+                seen=side.visible,
+                crests=crests.contrast * crests.share / light,
                 smooth=1.0 - hard,
                 closed=_closed(self.best) if self.limb else math.nan,
             )
         )
 
 
-def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool) -> _Look | None:
+def look_in(asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool) -> Look | None:
     """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
 
     `limb` is True if a limb folds there.
@@ -321,7 +310,7 @@ def _look(asset: TriedAsset, placement: Placement, name: str, peak: float, *, li
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, look)
     assert best is not None
-    return _Look(placement, *best, side, first, limb)
+    return Look(placement, *best, side, first, limb)
 
 
 def _closed(staged: StagedTool) -> float:
@@ -354,7 +343,7 @@ def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]
     return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
 
 
-def _frames_of(clip: Clip, rig: Rig) -> Floats:
+def frames_of(clip: Clip, rig: Rig) -> Floats:
     """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
     frames = (clip.end - clip.start) * Sampling().fps
     long = frames > _MOST_FRAMES
