@@ -85,6 +85,11 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     assert (tmp_path / "limb_wrinkled_wrinkled.glb").read_bytes() == out.read_bytes()
 
 
+def test_an_asset_of_which_nothing_deforms_says_so(tmp_path: Path) -> None:
+    session = Session(limb(tmp_path / "limb.glb", rings=7, sides=6, skinned=False, clip=None))
+    assert session.notes[0] == f"{session.asset}: no mesh deforms: it has neither a skin nor morph targets"
+
+
 @pytest.mark.slow
 def test_a_bake_solves_no_fold_again_that_has_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")

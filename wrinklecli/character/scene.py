@@ -125,6 +125,8 @@ def none_deforms(document: Document) -> str:
     """The reason why no mesh of an asset deforms, with what to do with a file of clips alone."""
     if not document.items("meshes"):
         return "it has no mesh: --anim takes its clips, beside a character"
+    if any(deforms(document, node) for node in range(len(document.items("nodes")))):
+        return "those that do are not drawn"
     return "it has neither a skin nor morph targets"
 
 

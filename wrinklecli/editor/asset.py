@@ -21,7 +21,7 @@ from wrinklecli.character.joined import with_free_nodes
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.rig import DrivenTargets
-from wrinklecli.character.scene import deforming_nodes, scene_nodes
+from wrinklecli.character.scene import deforming_nodes, none_deforms, scene_nodes
 from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
@@ -96,8 +96,10 @@ class LoadedAsset:
         """
         memory = Memory(options.max_memory)
         document, notes = _unbaked(read_document(asset, allow_external=options.allow_external, memory=memory))
-        motions = Motions(options.anims, options.range_of_motion or None)
-        joined = moved(document, deforming_nodes(document), motions)
+        motions, deforming = Motions(options.anims, options.range_of_motion or None), deforming_nodes(document)
+        if not deforming:
+            notes = (*notes, f"{asset}: no mesh deforms: {none_deforms(document)}")
+        joined = moved(document, deforming, motions)
         joints = {joint for skin in joined.document.items("skins") for joint in skin.get("joints", [])}
         document = with_free_nodes(joined.document, joints)  # for the free pose
         return cls(document, joined.clips, frozenset(joined.range), (*notes, *joined.notes, *joined.warnings))

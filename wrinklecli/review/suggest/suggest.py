@@ -10,7 +10,7 @@ from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, moved
-from wrinklecli.character.scene import deforms, none_deforms
+from wrinklecli.character.scene import none_deforms
 from wrinklecli.choices import Scheme
 from wrinklecli.errors import log_findings
 from wrinklecli.frozen import dataclass
@@ -177,9 +177,7 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         if candidates and not chosen:
             reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
         elif not nodes:
-            there = any(deforms(document, node) for node in range(len(document.items("nodes"))))
-            reason = "those that do are not drawn, as the notes say" if there else none_deforms(document)
-            reason = f"no mesh deforms: {reason}"
+            reason = f"no mesh deforms: {none_deforms(document)}"
         elif not checked:
             reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
         elif not clips:
