@@ -105,11 +105,6 @@ class Matrix:
         return Matrix.of_entries(rows, above.columns[entries], weights, above.column_count)
 
 
-def apply_rows(matrix: Matrix | None, rows: Ints, coarse: Floats) -> Floats:
-    """Some rows of a product with (coarse, …) values: (rows, …) of these themselves without a matrix."""
-    return coarse[rows] if matrix is None else matrix.of_rows(rows, coarse)
-
-
 def apply(matrix: Matrix | None, coarse: Floats) -> Floats:
     """(V', V) times (..., V, C) → (..., V', C). The first V are copied, as 0.0 + -0.0 would lose a sign."""
     coarse = np.asarray(coarse, dtype=np.float64)

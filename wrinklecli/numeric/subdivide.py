@@ -17,7 +17,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, among, any_of, distinct_values, flags_of, matches
 from wrinklecli.numeric.butterfly import butterfly
 from wrinklecli.numeric.red_green import Criterion, Rules, Stage, close, coarse_stage
-from wrinklecli.numeric.sparse import Matrix, apply, apply_rows
+from wrinklecli.numeric.sparse import Matrix, apply
 
 _BISECTED = np.array([[0, 3, 2], [3, 1, 2]])  # edge 0 is split
 _TRISECTED = (  # edge 0 is not split; the diagonal leaves corner 0 or corner 1
@@ -86,7 +86,7 @@ class Subdivision:
 
     def of_vertices(self, vertices: Ints, coarse: Floats) -> Floats:
         """(vertices, …) linear mixtures of (coarse vertices, …) values at some vertices."""
-        return apply_rows(self.linear, vertices, coarse)
+        return coarse[vertices] if self.linear is None else self.linear.of_rows(vertices, coarse)
 
     def interpolate_new(self, coarse: Floats) -> Floats:
         """(V, C) coarse values → (V' - V, C) those of the new vertices, by edge midpoints."""
