@@ -17,7 +17,7 @@ from kit.asset import Asset
 from kit.bakes import bake_config, place
 from kit.command import Wrinkle, files
 from kit.fields import bake_field, sleeve_and_field
-from kit.limb import limb_asset, tool, write_tools
+from kit.limb import RADIUS, limb_asset, tool, write_tools
 from kit.places import ROOT
 from kit.samples import Editor, edited, sample
 from kit.small_maps import on_one_place, small_maps
@@ -86,6 +86,25 @@ def test_each_file_is_there_and_its_values_are_sound(tmp_path: Path) -> None:
     assert masks.astype(int).sum(axis=2).max() <= 256
     heights = pixels(tmp_path / "maps" / one["height"]["file"]) / 65535 - one["height"]["zero"]
     assert (masks.max(axis=2)[np.abs(heights) > 0.1] > 0).all()
+
+
+def test_shapes_of_a_set_share_out_its_masks(tmp_path: Path) -> None:
+    """A set with more shapes than an image has channels."""
+    asset, _ = small(tmp_path)
+    keys = {"bumps": 4, "strategy": "origin", "width": 0.15}
+    beside = {"name": "beside", "origin": [-0.4, 0.0, RADIUS], "target": [0.4, 0.0, RADIUS]}
+    tools = write_tools(tmp_path / "tools.yaml", tool(**keys), tool(**keys, **beside))
+    found = maps(asset, tools, tmp_path / "maps", size=128, kinds=["height"], supersample=1)
+    sets = found.data["materials"][0]["sets"]
+    assert max(len(each["weights"]) for each in sets) > 4
+    for each in sets:
+        images = {weight["mask"]: pixels(tmp_path / "maps" / weight["mask"]) for weight in each["weights"]}
+        masks = [images[weight["mask"]][..., "rgba".index(weight["channel"])] for weight in each["weights"]]
+        heights = pixels(tmp_path / "maps" / each["height"]["file"]) / 65535 - each["height"]["zero"]
+        assert all(mask.any() for mask in masks)
+        shares = np.sum(masks, axis=0, dtype=int)
+        assert shares.max() <= 255 + len(masks)
+        assert (shares[np.abs(heights) > 0.1] > 0).all()
 
 
 @pytest.mark.slow
