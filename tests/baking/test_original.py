@@ -90,6 +90,7 @@ def limb(ending: str = ".glb", **options: Any) -> Path:
 
 Case = tuple[Callable[[], Path], list[Json], Json, list[Json]]
 CASES: dict[str, Case] = {
+    "interleaved": (lambda: limb(interleave=True), [LIMB], {}, [FINER_LIMB]),
     "wrist": (lambda: sample("wrist"), [PALM, BACK], {}, [FINER]),
     "nothing refined": (lambda: sample("wrist"), [PALM], {"max_levels": 0}, [FINER]),
     "trousers": (lambda: sample("trousers"), [KNEE, {**KNEE, "name": "again"}], {}, [{**KNEE, "bumps": 2}]),
@@ -116,7 +117,6 @@ CASES: dict[str, Case] = {
     "for an engine": (lambda: sample("wrist"), [PALM, BACK], {"engine": "three"}, [FINER]),
     "a rest pose": (lambda: sample("wrist"), [PALM], {"top": {"rest": {"clip": "extend", "time": 1.0}}}, [FINER]),
     "unknown keys": (crowded, [LIMB], {}, [FINER_LIMB]),
-    "interleaved": (lambda: limb(interleave=True), [LIMB], {}, [FINER_LIMB]),
     "sparse": (lambda: limb(sparse="base", morphs=1, morph_clip="STEP"), [LIMB], {}, [FINER_LIMB]),
     "strip": (lambda: limb(".gltf", mode="strip"), [LIMB], {}, [FINER_LIMB]),
     **{name: (lambda name=name: compressed_sample(name), [PALM], {}, [FINER]) for name in EVERY},  # type: ignore[misc]
