@@ -47,8 +47,9 @@ _Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 _MOST_SHAPES = 9
 # Poses of a clip, evenly spread, that shapes are made of.
 _CLIP_POSES = 16
-# Times that shapes are made: the second time, as many poses that still cross are added.
-_ROUNDS = 2
+# Times that shapes are made, at most: each further time, as many poses that still cross are added. With two, a knee of
+# real trousers kept 126 crossings.
+_ROUNDS = 3
 # Part of the memory for solutions that are kept while the shapes are made; clips beyond that are solved again.
 _KEPT = 0.5
 # Bytes of a vertex, and of one that is free to move, in a solution: a position, and a matrix. A solution takes about
