@@ -122,8 +122,8 @@ def test_folds_are_wider_where_a_budget_asks_for_it(jeans: tuple[Path, Suggestio
     budget = 0.7 * found.fields[0].gpu_bytes
     frugal = suggest(path, budget=budget)
     (each,) = frugal.fields
-    assert each.gpu_bytes <= budget
-    assert each.wavelength / found.fields[0].wavelength == pytest.approx(1.0 / 0.7, rel=0.01)
+    assert each.gpu_bytes <= 0.9 * budget  # the rest is left to tools
+    assert 1.0 / 0.7**0.5 < each.wavelength / found.fields[0].wavelength <= 1.5 + 1e-6
     (tmp_path / "tools.yaml").write_text(frugal.text)
     assert not check(path, tmp_path / "tools.yaml").warnings
 

@@ -53,6 +53,10 @@ _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", 
 LEAST_BENT = 0.02
 # Moments of the tallest folds at which a field is looked at. By two, a shirt is lost of which a sleeve hides one.
 _LOOKS = 3
+# Part of the budget for fields: the rest is for tools, and as edges are halved as a whole.
+_OF_FIELDS = 0.9
+# Most that folds are widened to take less memory: they still look like those of the material.
+_WIDEST = 1.5
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
 # Characters of a line of a list.
@@ -217,9 +221,9 @@ def suggest_fields(
     take too much, folds are as much wider: those need fewer vertices. With `everything` all are kept that can be baked.
     """
     drafts, dropped = _drafts(asset, garments)
-    total = sum(each.gpu_bytes for each in drafts)
-    if total > budget:
-        drafts, dropped = _drafts(asset, [each.widened(total / budget) for each in garments])
+    over = sum(each.gpu_bytes for each in drafts) / (_OF_FIELDS * budget)
+    if over > 1.0:
+        drafts, dropped = _drafts(asset, [each.widened(min(over, _WIDEST)) for each in garments])
     fitting = list[_Draft]()
     for made in drafts:
         if made.gpu_bytes > budget:
