@@ -4,9 +4,11 @@
     python tests/benchmarks/places.py --write    also writes the weights that the program reads
     python tests/benchmarks/places.py DIR…       first looks anew what the wanted places get
 
-A row of places.csv is a place that was looked at twice, without and with wrinkles and blind to the score, with its
-merits as `suggest --all --json` prints them, without fields. `suggest` proposes nothing where no `limb` folds, so such
-places are in the counts alone; and no tool where a field lies, so that places that are not `bare` are in the fit alone.
+A row of places.csv is a place or a field that was looked at twice, without and with wrinkles and blind to the score,
+with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
+nothing where no `limb` folds, so such places are in the counts alone; and no tool where a field lies, so that places
+that are not `bare` are in the fit alone. Fields are weighed as tools are, and in the counts alone: a fit to both drops
+fields between plates of armour, and toes, which artists keep.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
 width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
@@ -46,6 +48,8 @@ VERDICTS = ("delete", "weak", "keep")
 LOOKS = ("first", "second")
 # Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
 BUILT = "sheet"
+# What the name of a field begins with.
+FIELD = "field "
 # Digits of a weight: merits have three.
 DIGITS = 3
 
@@ -61,6 +65,7 @@ class Places:
         characters: (places,)
         limbs: (places,) True where a limb folds.
         counted: (places,) True where no field lies, on no sheet that was built.
+        fields: (places,) True for fields.
         verdicts: (places, looks)
         logs: (places, merits) their logarithms.
     """
@@ -69,12 +74,13 @@ class Places:
     characters: NDArray[np.str_]
     limbs: NDArray[np.bool_]
     counted: NDArray[np.bool_]
+    fields: NDArray[np.bool_]
     verdicts: NDArray[np.intp]
     logs: Floats
 
     def only(self, chosen: NDArray[np.bool_]) -> "Places":
         """Some of the places."""
-        rows = (self.characters, self.limbs, self.counted, self.verdicts, self.logs)
+        rows = (self.characters, self.limbs, self.counted, self.fields, self.verdicts, self.logs)
         return Places(self.names, *(each[chosen] for each in rows))
 
 
@@ -87,8 +93,8 @@ class Fit:
 
     @classmethod
     def of(cls, places: Places) -> "Fit":
-        """Fit weights to those of the places where a limb folds."""
-        places = places.only(places.limbs)
+        """Fit weights to those of the places of tools where a limb folds."""
+        places = places.only(places.limbs & ~places.fields)
         means, deviations = places.logs.mean(axis=0), places.logs.std(axis=0)
         deviations[deviations == 0] = 1.0
         scaled, count = (places.logs - means) / deviations, len(places.names)
@@ -130,6 +136,7 @@ def read_places() -> Places:
         np.array([row["character"] for row in rows]),
         np.array([row["limb"] == "1" for row in rows]),
         np.array([row["bare"] == "1" and row["character"] != BUILT for row in rows]),
+        np.array([row["tool"].startswith(FIELD) for row in rows]),
         verdicts,
         np.where(np.isnan(logs), usual, logs),
     )
@@ -181,7 +188,8 @@ def report(places: Places, chances: Floats) -> str:
 
 def weights_of(places: Places) -> dict[str, object]:
     """The weights as the program reads them."""
-    fit, kept = Fit.of(places), places.only((places.verdicts == 2).any(axis=1) & places.limbs).logs.mean(axis=0)
+    kept = places.only((places.verdicts == 2).any(axis=1) & places.limbs & ~places.fields).logs.mean(axis=0)
+    fit = Fit.of(places)
 
     def by_name(values: Floats) -> dict[str, float]:
         return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
@@ -232,7 +240,9 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="write the weights that the program reads")
     parser.add_argument("folders", nargs="*", type=Path, help="folders with the characters' files")
     places, options = read_places(), parser.parse_args()
-    print(report(places.only(places.counted), left_out(places)[places.counted]))
+    chances = left_out(places)
+    for name, chosen in (("tools", places.counted & ~places.fields), ("fields", places.fields)):
+        print(f"{name}: {report(places.only(chosen), chances[chosen])}")
     wanted = read_wanted()
     if options.folders:
         look_anew(wanted, options.folders)

@@ -148,6 +148,16 @@ def best_side(place: Place, free: Free) -> Side:
     return Side(ANGLES[best], float(scores[best]), min(float(scores[best]) / whole, 1.0) if whole > 0 else 0.0)
 
 
+def part_not_hidden(place: Place, side: Side) -> float:
+    """The score of a side over the greatest that any side would have if nothing hid the wrinkles.
+
+    One side shows at most a half of what lies all round a limb.
+    """
+    shares = place.areas * place.heights * np.clip(_BACKS @ place.normals.T, 0.0, FACES)
+    most = float(shares.sum(axis=1).max(initial=0.0))
+    return min(side.score / most, 1.0) if most > 0 else 0.0
+
+
 def side_above(place: Place, free: Free) -> Side:
     """Choose the side straight above a place, as wrinkles lie on it; where much is hidden from there, the best side."""
     weights = place.areas * place.heights

@@ -341,8 +341,7 @@ def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> Suggeste
         gpu_bytes=draft.gpu_bytes,
         own_bytes=grown_bytes(plan),
         levels=plan.fine.subdivision.levels,
-        # What armour hides of it there does not count, since the rest of a garment is seen.
-        judgement=Score.of(replace(mean_of([each.score.merits for each in raised]), seen=1.0)),
+        judgement=Score.of(mean_of([each.score.merits for each in raised])),
     )
 
 

@@ -26,7 +26,7 @@ class Merits:
     """Merits of a place, 0 to 1, where its wrinkles are tallest, seen from the best side.
 
     Attributes:
-        seen: Part of the wrinkles that is visible.
+        seen: Part of the wrinkles that is visible; where no limb folds, of those that would be if nothing hid them.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
         closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.

@@ -25,7 +25,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment
+from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
 from wrinklecli.review.suggest.choice import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
@@ -282,7 +282,7 @@ class Look:
         light = crests.contrast + _UNNOTICED
         return Score.of(
             Merits(
-                seen=side.visible,
+                seen=side.visible if self.limb else part_not_hidden(self.sight.place, side),
                 crests=crests.contrast * crests.share / light,
                 smooth=1.0 - hard,
                 closed=_closed(self.best) if self.limb else math.nan,
