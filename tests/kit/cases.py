@@ -225,6 +225,7 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             yield from some("--frames-dir", "frames", "--frames-format", chance.choice(["obj", "ply", "glb"]))
             yield from some("--timings", "timings.json", share=0.05)
             yield from some("--depfile", "out.d")
+            yield from some("--cache", chance.choice(["cache", "cache", asset, "tools.yaml"]))
             yield from some("--max-levels", "0")
             yield from some("--max-vertices", chance.choice(["10", "1000"]), share=0.1)
             yield from some("--max-error", chance.choice(["0.01%", "1"]), share=0.1)
