@@ -64,7 +64,7 @@ def approach(clip: Clip, time: float, rig: Rig) -> Clip:
     """Make a clip, of the same name, that moves in a second from the stored pose to that of a clip at a time."""
     at, channels = np.array([time]), []
     for channel in clip.channels:
-        stored = rig.morph_weights if channel.path == "weights" else rig.locals[channel.node].get(channel.path)
+        stored = rig.own.morph_weights if channel.path == "weights" else rig.locals[channel.node].get(channel.path)
         if stored is None or (channel.path == "weights" and channel.node != rig.node):
             continue
         values = np.stack([stored, sample(channel, at)[0]])
