@@ -2,14 +2,14 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
 from wrinklecli.character.joined import with_clips
-from wrinklecli.character.moved import Motions, moved
+from wrinklecli.character.moved import Motions, Moved, moved
 from wrinklecli.character.scene import none_deforms
 from wrinklecli.choices import Scheme
 from wrinklecli.errors import log_findings
@@ -120,88 +120,127 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         in_range = False if options.touch or options.flesh else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
-        document, notes = joined.document, [*notes, *joined.warnings, *([] if options.face else joined.notes)]
-        if options.touch:
-            touches, left_out, reason = suggest_touches(document, nodes, options.clips, options.fps, options.count)
-            text = touches_text(touches, document) if touches else ""
-            inputs = (*files_of(document), *joined.beside)
-            return Suggestions((), text, reason, (*notes, *left_out), inputs, touches=tuple(touches))
-        if options.muscles or options.flesh:
-            played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
-            inputs = (*files_of(document), *joined.beside)
-            if options.flesh:
-                regions, left_out, reason = suggest_flesh(document, nodes, played, fps=options.fps)
-                text = flesh_text(regions, document) if regions else ""
-                return Suggestions((), text, reason, (*notes, *left_out), inputs, flesh=tuple(regions))
-            muscles, left_out, reason = suggest_muscles(document, nodes, played, fps=options.fps)
-            text = muscles_text(muscles, document) if muscles else ""
-            return Suggestions((), text, reason, (*notes, *left_out), inputs, muscles=tuple(muscles))
-        budget = math.inf if options.everything else float(options.budget)
+        notes += [*joined.warnings, *([] if options.face else joined.notes)]
+        if options.muscles or options.flesh or options.touch:
+            return _below_skin(joined, nodes, notes, options)
         if options.face:
-            of_face = suggest_face(document, nodes, joined.clips)
-            raised = with_clips(document, of_face.motions)
-            clips = tuple(read_clips(raised))
-            tried = TriedAsset(raised, clips, jobs=options.jobs)
-            found = worthwhile(
-                tried,
-                of_face.tools,
-                RefinementSettings(),
-                count=len(of_face.tools),
-                budget=budget,
-                everything=options.everything,
-                checked=clips,
-                progress=progress,
-            )
-            return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
-        clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
-        generated: list[Clip] = []
-        if joined.range and not options.clips:
-            generated = [clip for clip in clips if clip.name in joined.range]
-            others = (clip for clip in clips if clip.name not in joined.range)
-            folds = generated if options.everything else folding(document, nodes, generated)
-            clips = (*others, *joined_expressions(folds))
-        meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-        tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
-        garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-        fields, unfit = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
-        budget -= sum(each.gpu_bytes for each in fields)
-        folded = {each.field.name for each in fields}
-        bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
-        candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
-        chosen, reasons, hard = choose_candidates(document, candidates, tried.layers, options)
-        rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
-        hard = [*(f"{name} is rigid" for name in rigid), *hard]
-        fitted = fit_tools(chosen, generated)
-        levels = [each.levels for each in fields]
-        reason = ""
-        if candidates and not chosen:
-            reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
-        elif not nodes:
-            reason = f"no mesh deforms: {none_deforms(document)}"
-        elif not checked:
-            reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
-        elif not clips:
-            reason = "none of its motions folds a limb"
-        elif not meshes:
-            reason = "no clip moves a mesh that deforms"
-        else:
-            least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
-            reason = _joined([*hard, least])
-        flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
-        scheme: Scheme = "midpoint" if flat else "butterfly"
-        found = worthwhile(
-            tried,
-            fitted,
-            RefinementSettings(scheme=scheme, max_levels=max([RefinementSettings().max_levels, *levels])),
-            count=options.count,
-            budget=budget,
-            everything=options.everything,
-            checked=checked,
-            progress=progress,
-        )
-        found.dropped[:0] = unfit
-        beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
-        return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets, fields)
+            return _of_face(joined, nodes, notes, options, progress)
+        return _of_clips(joined, nodes, notes, options, progress)
+
+
+def _below_skin(
+    joined: Moved, nodes: Mapping[int, str | None], notes: Sequence[str], options: SuggestOptions
+) -> Suggestions:
+    """Suggest muscles, flesh or touches."""
+    document, fps = joined.document, options.fps
+    played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
+    muscles, flesh, touches = list[SuggestedMuscle](), list[SuggestedFlesh](), list[SuggestedTouch]()
+    if options.touch:
+        touches, left_out, reason = suggest_touches(document, nodes, options.clips, fps, options.count)
+        text = touches_text(touches, document) if touches else ""
+    elif options.flesh:
+        flesh, left_out, reason = suggest_flesh(document, nodes, played, fps=fps)
+        text = flesh_text(flesh, document) if flesh else ""
+    else:
+        muscles, left_out, reason = suggest_muscles(document, nodes, played, fps=fps)
+        text = muscles_text(muscles, document) if muscles else ""
+    return Suggestions(
+        (),
+        text,
+        reason,
+        (*notes, *left_out),
+        (*files_of(document), *joined.beside),
+        muscles=tuple(muscles),
+        flesh=tuple(flesh),
+        touches=tuple(touches),
+    )
+
+
+def _of_face(
+    joined: Moved,
+    nodes: Mapping[int, str | None],
+    notes: Sequence[str],
+    options: SuggestOptions,
+    progress: Progress,
+) -> Suggestions:
+    """Suggest tools where the morph targets of a face compress the skin."""
+    of_face = suggest_face(joined.document, nodes, joined.clips)
+    raised = with_clips(joined.document, of_face.motions)
+    clips = tuple(read_clips(raised))
+    found = worthwhile(
+        TriedAsset(raised, clips, jobs=options.jobs),
+        of_face.tools,
+        RefinementSettings(),
+        count=len(of_face.tools),
+        budget=_budget(options),
+        everything=options.everything,
+        checked=clips,
+        progress=progress,
+    )
+    return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
+
+
+def _of_clips(
+    joined: Moved,
+    nodes: Mapping[int, str | None],
+    notes: Sequence[str],
+    options: SuggestOptions,
+    progress: Progress,
+) -> Suggestions:
+    """Suggest fields for garments, and tools where clips compress what they leave bare."""
+    document, budget = joined.document, _budget(options)
+    clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
+    generated: list[Clip] = []
+    if joined.range and not options.clips:
+        generated = [clip for clip in clips if clip.name in joined.range]
+        others = (clip for clip in clips if clip.name not in joined.range)
+        folds = generated if options.everything else folding(document, nodes, generated)
+        clips = (*others, *joined_expressions(folds))
+    meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
+    tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
+    garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
+    fields, unfit = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
+    budget -= sum(each.gpu_bytes for each in fields)
+    folded = {each.field.name for each in fields}
+    bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
+    candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
+    chosen, reasons, hard = choose_candidates(document, candidates, tried.layers, options)
+    flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
+    scheme: Scheme = "midpoint" if flat else "butterfly"
+    levels = max([RefinementSettings().max_levels, *(each.levels for each in fields)])
+    found = worthwhile(
+        tried,
+        fit_tools(chosen, generated),
+        RefinementSettings(scheme=scheme, max_levels=levels),
+        count=options.count,
+        budget=budget,
+        everything=options.everything,
+        checked=checked,
+        progress=progress,
+    )
+    found.dropped[:0] = unfit
+    rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
+    hard = [*(f"{name} is rigid" for name in rigid), *hard]
+    if candidates and not chosen:
+        reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
+    elif not nodes:
+        reason = f"no mesh deforms: {none_deforms(document)}"
+    elif not checked:
+        reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
+    elif not clips:
+        reason = "none of its motions folds a limb"
+    elif not meshes:
+        reason = "no clip moves a mesh that deforms"
+    else:
+        least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
+        reason = _joined([*hard, least])
+    beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
+    return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets, fields)
+
+
+def _budget(options: SuggestOptions) -> float:
+    """Bytes on a GPU that all suggestions may take."""
+    return math.inf if options.everything else float(options.budget)
 
 
 def _joined(clauses: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ are guesses, and the file says so.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -132,7 +132,7 @@ class _Contact(NamedTuple):
 
 
 def suggest_touches(
-    document: Document, nodes: "dict[int, str | None]", clips: Sequence[str], fps: float, count: int
+    document: Document, nodes: Mapping[int, str | None], clips: Sequence[str], fps: float, count: int
 ) -> tuple[list[SuggestedTouch], list[str], str]:
     """Suggest touches where clips bring fingertips to skin.
 
@@ -321,7 +321,7 @@ def _is_there(known: SuggestedTouch, contact: _Contact) -> bool:
 
 
 def _fitted(
-    name: str, tip: _Tip, contact: _Contact, hierarchy: Hierarchy, nodes: "dict[int, str | None]"
+    name: str, tip: _Tip, contact: _Contact, hierarchy: Hierarchy, nodes: Mapping[int, str | None]
 ) -> SuggestedTouch | str:
     """The touch of a contact, or the line that says why it does not fit."""
     ground = contact.skin.ground
