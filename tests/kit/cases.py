@@ -323,12 +323,14 @@ def _arguments(chance: random.Random, command: str, source: Source) -> Iterator[
             manifests += [[chance.choice(addresses), "--tools", chance.choice(_WEB_TOOLS), "--out", "out.glb"]]
             chosen = chance.choice(manifests)
             yield from (*chosen, *([] if "kept" in chosen else ["--cache", "cache"]))
-            yield from (*some("--dry-run"), *some("--strict"))
+            dry, as_json = list(some("--dry-run")), list(some("--json", share=0.1))
+            yield from (*dry, *as_json, *some("--strict"))
             yield from (*some("--fail-fast"), *some("--keep-going"), *some(loudness))
-            yield from (*some("--profile", "mobile", share=0.2), *some("--json", share=0.1))
-            yield from some("--junit", chance.choice(["jobs.xml", asset]), share=0.1)
+            # Options of which another is the opposite are wrong usage.
+            yield from some("--profile", "mobile", share=0.2 if len(chosen) == 1 else 0.0)
+            yield from some("--junit", chance.choice(["jobs.xml", asset]), share=0.0 if dry else 0.1)
             yield from ["--retry", "0"] if any("{web}" in each for each in chosen) else some("--retry", "0")
-            yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", "-", asset]))
+            yield from some("--report", chance.choice(["jobs.jsonl", "jobs.jsonl", asset if as_json else "-", asset]))
         case "schema":
             yield from ("-o", "found.json", *some("--read", "tools.yaml", share=0.5))
         case "maps":

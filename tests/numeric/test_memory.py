@@ -11,7 +11,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.numeric import memory
 from wrinklecli.numeric.arrays import unit
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.numeric.memory import allowed_memory, available_memory, default_memory, held
+from wrinklecli.numeric.memory import allowed_memory, available_memory, default_memory, held, parse_bytes
 
 MACHINE = {"proc/meminfo": "MemTotal: 16000000 kB\nMemAvailable:   8000000 kB\n"}
 GB = 10**9
@@ -88,3 +88,10 @@ def test_a_library_that_cannot_be_loaded_for_want_of_memory_is_said(said: str) -
     with pytest.raises((BakeError, ImportError)) as raised, guarded("a.glb"):
         raise ImportError(said)
     assert ("takes more memory" in str(raised.value)) == ("map" in said)
+
+
+@pytest.mark.parametrize(("text", "size"), [("900kB", 900_000), ("1.5 mb", 1_500_000), ("2GB", 2_000_000_000)])
+def test_sizes_are_read_as_they_are_shown(text: str, size: int) -> None:
+    assert parse_bytes(text, least=1) == size
+    with pytest.raises(ValueError, match="is no size from 50 MB up"):
+        parse_bytes("900kB")

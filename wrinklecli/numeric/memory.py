@@ -23,7 +23,7 @@ _MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
 _LARGEST_KEPT = 2**25 - 2**16
 # Bytes that OpenBLAS takes for its buffer, 32 MiB, rounded up.
 _BLAS = 40 * 10**6
-_UNITS = {"MB": 10**6, "GB": 10**9, "TB": 10**12}
+_UNITS = {"KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 # What the loader of Linux says of a library for which there is too little memory.
@@ -225,7 +225,7 @@ def default_memory() -> int:
 
 def parse_bytes(text: str, least: int = _LEAST_MEMORY) -> int:
     """Bytes from `500MB` or `4GB`, decimal units; ValueError if the text is no size, or too small, as for any bake."""
-    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(MB|GB|TB)", text, re.IGNORECASE)
+    found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(kB|MB|GB|TB)", text, re.IGNORECASE)
     size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
     if size < least:
         raise ValueError(f"{text!r} is no size from {shown_bytes(least)} up, such as 500MB or 4GB")
