@@ -164,6 +164,14 @@ def test_a_server_that_stops_or_dribbles_does_not_answer(
 
 
 @pytest.mark.usefixtures("http")
+def test_a_list_that_dribbles_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing watches its pace, and each byte comes in time."""
+    monkeypatch.setattr(stores, "_PATIENCE", 0.1)
+    with web.served({"/": web.dribbled}) as server, pytest.raises(StoreError, match="the store does not answer"):
+        stores.matches(f"{server}/*.glb", "")
+
+
+@pytest.mark.usefixtures("http")
 def test_a_refused_connection_is_no_missing_file() -> None:
     with web.served({}) as server:
         pass

@@ -21,6 +21,7 @@ from wrinklecli.files.workplace import Workplace
 from wrinklecli.numeric.memory import MAX_MEMORY, held, shown_bytes
 
 _PATIENCE = 30.0  # seconds until an answer begins, or without a byte: ten times what a busy store takes to answer
+_LISTED = 10  # times as long for a whole list of files, which arrives unwatched
 _LEAST = 2**15  # bytes in that time, 1 kB/s: a tenth of the slowest line on which anybody would bake
 _WEB = ("http://", "https://")
 _URL = re.compile(r"([a-z][a-z0-9+.-]+)://")
@@ -80,7 +81,7 @@ def matches(pattern: str, folder: str) -> list[str]:
     if not is_url(whole):
         return sorted(glob.glob(pattern, root_dir=folder or None, recursive=True))
     with held(MAX_MEMORY), _answering(whole):  # nobody says how long a list will be
-        system, path = _system(whole)
+        system, path = _system(whole, _LISTED * _PATIENCE)
         found = sorted(system.unstrip_protocol(each) for each in system.glob(path))
     return [each.removeprefix(folder.rstrip("/") + "/") for each in found] if is_url(folder) else found
 
@@ -247,24 +248,24 @@ def put(path: str, data: bytes) -> None:
         system.mv(_system(aside)[1], inner)
 
 
-def _system(url: str) -> tuple[Any, str]:
-    """Open the store of a URL; also return the path within it."""
+def _system(url: str, total: float | None = None) -> tuple[Any, str]:
+    """Open the store of a URL; also return the path within it. Answers of web servers take `total` seconds at most."""
     try:
         from fsspec.core import url_to_fs
     except ImportError as error:
         raise WrinkleError("URLs need fsspec: pip install 'wrinklecli[batch]'", where=url) from error
     try:
         # The library for web servers waits for ever for a byte, and ends long transfers after five minutes.
-        system, path = url_to_fs(url, **(_web_options() if url.startswith(_WEB) else {}))
+        system, path = url_to_fs(url, **(_web_options(total) if url.startswith(_WEB) else {}))
     except (ImportError, ValueError) as error:
         raise WrinkleError(f"cannot be reached: {error}", where=url) from error
     return system, path
 
 
-def _web_options() -> dict[str, Any]:
+def _web_options(total: float | None) -> dict[str, Any]:
     from aiohttp import ClientTimeout
 
-    timeout = ClientTimeout(total=None, sock_connect=_PATIENCE, sock_read=_PATIENCE)
+    timeout = ClientTimeout(total=total, sock_connect=_PATIENCE, sock_read=_PATIENCE)
     return {"client_kwargs": {"timeout": timeout, "middlewares": (_begun,)}}
 
 
