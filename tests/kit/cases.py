@@ -125,7 +125,7 @@ def _edits(chance: random.Random, arguments: Sequence[str], source: Source) -> I
         yield [name, "disk", number]
         if chance.random() < 0.8:
             return
-    elif command in _KILLED and command != "edit" and chance.random() < _BESIDE:
+    elif command in _KILLED and command != "edit" and "--watch" not in arguments and chance.random() < _BESIDE:
         yield ["rest", "beside", int(1.5 ** chance.uniform(0, 18))]
         if chance.random() < 0.8:
             return
