@@ -101,12 +101,18 @@ def attach_effects(
             problems.append(error)
             continue
         attached += own
-        moves = [moved for each in own if (moved := each.moves) is not None]
-        if moves:
-            ground = ground.moved_by([each.drive for each in moves], np.concatenate([each.deltas for each in moves]))
+        ground = moved_by(ground, own)
     if problems:
         raise BakeError.of_all(problems)
     return ground, attached
+
+
+def moved_by(ground: Ground, attached: Sequence[AnyAttached]) -> Ground:
+    """The mesh as attached effects below the skin move it; others do not."""
+    moves = [moved for each in attached if (moved := each.moves) is not None]
+    if not moves:
+        return ground
+    return ground.moved_by([each.drive for each in moves], np.concatenate([each.deltas for each in moves]))
 
 
 def attach_one(

@@ -1,4 +1,4 @@
-"""How far clips let muscles and flesh move the skin."""
+"""Measures how far clips let muscles and flesh move the skin."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.plan import plan_on
+from wrinklecli.effects.plan import moved_by, plan_on
 from wrinklecli.effects.sampling import moving_clips, seen_at
 from wrinklecli.frozen import dataclass
 from wrinklecli.surface.ground import Ground
@@ -53,9 +53,7 @@ def greatest_moves(
     found: dict[str, Move] = {}
     for ground in dict.fromkeys(ground for ground, _ in fitted):
         own = [attached for on, attached in fitted if on is ground]
-        moves = [each.moves for each in own if each.moves is not None]
-        moved = ground.moved_by([each.drive for each in moves], np.concatenate([each.deltas for each in moves]))
-        plan = plan_on(moved, own, ToolsFile(path=ground.document.path), ONE_PERCENT)
+        plan = plan_on(moved_by(ground, own), own, ToolsFile(path=ground.document.path), ONE_PERCENT)
         for clip in moving_clips(plan, clips):
             times = clip_grid(clip, plan.rig, fps=fps)
             for part in plan.parts:
