@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from wrinklecli.character.clip import clip_named, read_clips
+from wrinklecli.character.clip import Clip, clip_named, read_clips
 from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -14,8 +14,6 @@ MOST_MOMENTS = 10_000
 _SHEET_MOMENTS = 5
 # Seconds within which a time is a clip's end, as people write times with few digits.
 _ROUNDING = 0.01
-# Clips of which a message names the times.
-_NAMED = 3
 # Frames per second of an animation.
 _ANIMATION_FPS = 15.0
 
@@ -50,14 +48,14 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
         return [Moment(None, 0.0)]
     chosen, found = named or clips[:1], []
     for time in options.times:
-        if not any(clip.start - _ROUNDING <= time <= clip.end + _ROUNDING for clip in chosen):
-            spans = ", ".join(f"{clip.name!r} from {clip.start:.4g} to {clip.end:.4g} s" for clip in chosen[:_NAMED])
-            raise WrinkleError(f"no clip that is shown has a moment at {time:.4g} s: {spans}", where=document.path)
+        if not any(_has(clip, time) for clip in chosen):
+            last = max(chosen, key=lambda clip: clip.end)
+            span = f"{last.name!r} from {last.start:.4g} to {last.end:.4g} s"
+            raise WrinkleError(f"no clip that is shown has a moment at {time:.4g} s: {span}", where=document.path)
     for clip in chosen:
         length = clip.end - clip.start
         if options.times:
-            own = (float(time) for time in options.times)
-            spread = [time for time in own if clip.start - _ROUNDING <= time <= clip.end + _ROUNDING]
+            spread = [float(time) for time in options.times if _has(clip, time)]
         elif options.frames is None and (options.fps is not None or animated):
             count = length * fps
             if count > MOST_MOMENTS:
@@ -75,6 +73,11 @@ def plan_moments(document: Document, options: PreviewOptions, *, animated: bool)
     if len(found) > MOST_MOMENTS:
         raise WrinkleError(f"{len(found)} moments are too many; at most {MOST_MOMENTS}", where=document.path)
     return found
+
+
+def _has(clip: Clip, time: float) -> bool:
+    """True if a clip has a moment at some seconds."""
+    return clip.start - _ROUNDING <= time <= clip.end + _ROUNDING
 
 
 def frame_seconds(document: Document, moments: Sequence[Moment], options: PreviewOptions) -> float:

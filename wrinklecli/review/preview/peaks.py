@@ -154,7 +154,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
         tracked = [clip for clip in clips if clip.channel(node, "weights") is not None]
         grids = [clip_grid(clip, rig, fps=FPS) for clip in tracked]
         played = list(zip(tracked, grids, strict=True))
-        weights = [{part: morph_weights(each, *clip) for part, each in rigs.items()} for clip in played]
+        weights = [{part: _seen(morph_weights(each, *clip)) for part, each in rigs.items()} for clip in played]
         touches = _touches_on(asset, node)
         for section, name, targets in _tools_on(asset, node, rigs.values()):
             reaches = [(each, *_reaches(each, targets)) for each in shown]
@@ -231,17 +231,18 @@ def _tools_on(asset: ShownAsset, node: int, rigs: Iterable[Rig]) -> Iterator[tup
     yield from ((TOOLS, name, targets) for name, targets in undriven.items())
 
 
+def _seen(weights: Floats) -> Floats:
+    """The weights, 0 in place of those that are rounding errors or too small to be seen."""
+    return np.where(np.abs(weights) < VISIBLE, 0.0, weights)
+
+
 def _heights(
     weights: Mapping[int, Floats], reaches: Sequence[tuple[ShownPrimitive, Ints, Floats]], scale: float
 ) -> Floats:
-    """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node.
-
-    Weights that are rounding errors, or too small to be seen, count as 0.
-    """
-    seen = {node: np.where(np.abs(each) < VISIBLE, 0.0, each) for node, each in weights.items()}
+    """(frames,) greatest displacement by targets of a tool, scene units; weights are (frames, targets) by node."""
     of_primitives = [
         scale
-        * np.linalg.norm(np.einsum("ft,tvx->fvx", seen[shown.source.rig.node][:, columns], moves), axis=2).max(
+        * np.linalg.norm(np.einsum("ft,tvx->fvx", weights[shown.source.rig.node][:, columns], moves), axis=2).max(
             axis=1, initial=0.0
         )
         for shown, columns, moves in reaches

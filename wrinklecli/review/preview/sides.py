@@ -82,6 +82,11 @@ class Place:
         weights = self.areas * self.heights
         return np.asarray(weights @ self.points / weights.sum())
 
+    @property
+    def shown(self) -> Floats:
+        """(sides, triangles) displacement times area that each side shows of each, if nothing hides it."""
+        return np.asarray(self.areas * self.heights * np.clip(_BACKS @ self.normals.T, 0.0, FACES))
+
     @classmethod
     def of(cls, plain: Floats, wrinkled: Floats) -> "Place":
         """Choose some of the triangles that wrinkles move, from (triangles, 3, 3) corners without and with them."""
@@ -135,8 +140,7 @@ UNSEEN = Side((0.0, 0.0), 0.0, 0.0)
 
 def best_side(place: Place, free: Free) -> Side:
     """Choose the side from which most of the wrinkles of a place are visible."""
-    weights = place.areas * place.heights
-    shares = weights * np.clip(_BACKS @ place.normals.T, 0.0, FACES)
+    shares = place.shown
     scores = np.zeros(len(ANGLES))
     some = _COARSE
     for _ in range(2):  # the coarse sides, then those beside the best
@@ -144,7 +148,7 @@ def best_side(place: Place, free: Free) -> Side:
         scores[some] = _seen(shares[some], LEVELS[some], _BACKS[some], free, floor=floor)
         best = int(np.argmax(LEVELS * scores))
         some = np.flatnonzero((_BACKS @ _BACKS[best] > _BESIDE) & (scores == 0.0))
-    whole = FACES * float(weights.sum())
+    whole = FACES * float(np.sum(place.areas * place.heights))
     return Side(ANGLES[best], float(scores[best]), min(float(scores[best]) / whole, 1.0) if whole > 0 else 0.0)
 
 
@@ -153,8 +157,7 @@ def part_not_hidden(place: Place, side: Side) -> float:
 
     One side shows at most a half of what lies all round a limb.
     """
-    shares = place.areas * place.heights * np.clip(_BACKS @ place.normals.T, 0.0, FACES)
-    most = float(shares.sum(axis=1).max(initial=0.0))
+    most = float(place.shown.sum(axis=1).max(initial=0.0))
     return min(side.score / most, 1.0) if most > 0 else 0.0
 
 
