@@ -120,19 +120,26 @@ def _suggest(asset: str | os.PathLike[str], options: SuggestOptions, progress: P
         in_range = False if options.touch or options.flesh else options.range_of_motion or None
         motions = Motions(options.anims, in_range, options.pose, options.morphs)
         joined = moved(document, list(nodes), motions)
-        notes += [*joined.warnings, *([] if options.face else joined.notes)]
+        read = _Read(joined, nodes, (*notes, *joined.warnings, *([] if options.face else joined.notes)))
         if options.muscles or options.flesh or options.touch:
-            return _below_skin(joined, nodes, notes, options)
+            return _below_skin(read, options)
         if options.face:
-            return _of_face(joined, nodes, notes, options, progress)
-        return _of_clips(joined, nodes, notes, options, progress)
+            return _of_face(read, options, progress)
+        return _of_clips(read, options, progress)
 
 
-def _below_skin(
-    joined: Moved, nodes: Mapping[int, str | None], notes: Sequence[str], options: SuggestOptions
-) -> Suggestions:
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """An asset with its motions, the nodes to look at with the names that a file must give, and notes so far."""
+
+    joined: Moved
+    nodes: Mapping[int, str | None]
+    notes: Sequence[str]
+
+
+def _below_skin(read: _Read, options: SuggestOptions) -> Suggestions:
     """Suggest muscles, flesh or touches."""
-    document, fps = joined.document, options.fps
+    joined, nodes, document, fps = read.joined, read.nodes, read.joined.document, options.fps
     played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     muscles, flesh, touches = list[SuggestedMuscle](), list[SuggestedFlesh](), list[SuggestedTouch]()
     if options.touch:
@@ -148,7 +155,7 @@ def _below_skin(
         (),
         text,
         reason,
-        (*notes, *left_out),
+        (*read.notes, *left_out),
         (*files_of(document), *joined.beside),
         muscles=tuple(muscles),
         flesh=tuple(flesh),
@@ -156,15 +163,10 @@ def _below_skin(
     )
 
 
-def _of_face(
-    joined: Moved,
-    nodes: Mapping[int, str | None],
-    notes: Sequence[str],
-    options: SuggestOptions,
-    progress: Progress,
-) -> Suggestions:
+def _of_face(read: _Read, options: SuggestOptions, progress: Progress) -> Suggestions:
     """Suggest tools where the morph targets of a face compress the skin."""
-    of_face = suggest_face(joined.document, nodes, joined.clips)
+    joined = read.joined
+    of_face = suggest_face(joined.document, read.nodes, joined.clips)
     raised = with_clips(joined.document, of_face.motions)
     clips = tuple(read_clips(raised))
     found = worthwhile(
@@ -177,18 +179,12 @@ def _of_face(
         checked=clips,
         progress=progress,
     )
-    return _written(raised, joined.beside, found, [*notes, *of_face.notes], of_face.reason, [])
+    return _written(raised, joined.beside, found, [*read.notes, *of_face.notes], of_face.reason, [])
 
 
-def _of_clips(
-    joined: Moved,
-    nodes: Mapping[int, str | None],
-    notes: Sequence[str],
-    options: SuggestOptions,
-    progress: Progress,
-) -> Suggestions:
+def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Suggestions:
     """Suggest fields for garments, and tools where clips compress what they leave bare."""
-    document, budget = joined.document, _budget(options)
+    joined, nodes, document, budget = read.joined, read.nodes, read.joined.document, _budget(options)
     clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     generated: list[Clip] = []
     if joined.range and not options.clips:
@@ -235,7 +231,7 @@ def _of_clips(
         least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
         reason = _joined([*hard, least])
     beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
-    return _written(document, beside, found, [*notes, *reasons], reason, options.written_presets, fields)
+    return _written(document, beside, found, [*read.notes, *reasons], reason, options.written_presets, fields)
 
 
 def _budget(options: SuggestOptions) -> float:
