@@ -43,7 +43,7 @@ def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.long
 def test_a_region_says_how_far_a_clip_swings_it(person: Path, tmp_path: Path) -> None:
-    """As far as a bake of it, which has more shapes."""
+    """The row says about what a bake does, which has more shapes."""
     found = suggest_once(person, flesh=True)
     (tmp_path / "flesh.yaml").write_text(found.text)
     listed = {each["name"]: each["clips"] for each in check(person, tmp_path / "flesh.yaml").data["flesh"]}

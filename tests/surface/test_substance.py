@@ -1,4 +1,4 @@
-"""What a place is made of, by the colours of a whole character."""
+"""The substance of places, by the colours of a whole character."""
 
 from kit.asset import Asset
 from kit.bakes import place

@@ -93,7 +93,7 @@ class Hinge:
 
     @property
     def leaning(self) -> list[Sweep]:
-        """As many sweeps about an axis that leans to a side, for each of the sides."""
+        """The sweeps about an axis that leans to a side, as many for each of the sides."""
         return [sweep for tilt in _LEANINGS for sweep in self._sweeps(_ROUGHER, tilt)]
 
     def _sweeps(self, rougher: float, tilt: Floats | None = None) -> list[Sweep]:
