@@ -243,7 +243,8 @@ def test_a_file_of_clips_alone(wrinkle: Wrinkle, tmp_path: Path, old: Path) -> N
         del editor.json["meshes"], editor.json["nodes"][0]["mesh"], editor.json["nodes"][0]["skin"]
 
     asset = edited("wrist", bare)
-    for command in (("bake", asset, "tools.yaml", "-o", "out.glb"), ("suggest", asset)):
+    drawn = ("preview", asset, "-o", "out.png")
+    for command in (("bake", asset, "tools.yaml", "-o", "out.glb"), ("suggest", asset), drawn):
         assert_at_fault(wrinkle(*command), tmp_path, "it has no mesh: --anim takes its clips, beside a character")
 
 

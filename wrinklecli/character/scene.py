@@ -121,10 +121,14 @@ def deforms(document: Document, node: int) -> bool:
     return "skin" in shown or bool(morph_target_names(document.items("meshes")[shown["mesh"]]))
 
 
+NO_MESH = "it has no mesh: --anim takes its clips, beside a character"
+"""What to do with a file of clips alone."""
+
+
 def none_deforms(document: Document) -> str:
     """The reason why no mesh of an asset deforms, with what to do with a file of clips alone."""
     if not document.items("meshes"):
-        return "it has no mesh: --anim takes its clips, beside a character"
+        return NO_MESH
     if any(deforms(document, node) for node in range(len(document.items("nodes")))):
         return "those that do are not drawn"
     return "it has neither a skin nor morph targets"

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 
+from wrinklecli.character.scene import NO_MESH
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
@@ -18,9 +20,6 @@ from wrinklecli.review.preview.rays import Occluders
 from wrinklecli.review.preview.shown import ShownAsset
 from wrinklecli.review.preview.sides import LEAST_WRINKLE, Free, Place, best_side
 
-# Why there is no picture of an asset.
-NO_TRIANGLES = "nothing to see: no triangles in the scene, or all are scaled to 0"
-ONE_POINT = "nothing to see: all is at one point"
 # View of an asset without wrinkles.
 _DEFAULT = "oblique"
 # Views of a grid.
@@ -62,6 +61,12 @@ class View:
     visible: float = 1.0
 
 
+def nothing_to_see(document: Document, *, points: bool) -> AssetError:
+    """An error that says why there is no picture of an asset, which may have `points` at one place."""
+    without = "no triangles in the scene, or all are scaled to 0" if document.items("meshes") else NO_MESH
+    return AssetError(f"nothing to see: {'all is at one point' if points else without}", where=document.path)
+
+
 def plan_views(
     assets: Sequence[ShownAsset],
     moments: Sequence[Moment],
@@ -99,7 +104,7 @@ def plan_views(
         margin = _FIGURE_MARGIN if wrinkles.most is None or options.grid else _WRINKLES_MARGIN
         camera = _camera(relative, side.name, margin, options)
         if not camera.reach > 0:
-            raise AssetError(ONE_POINT, where=assets[0].document.path)
+            raise nothing_to_see(assets[0].document, points=True)
         views.append(replace(side, cameras=tuple(replace(camera, centre=camera.centre + each) for each in centres)))
     return views
 
@@ -153,7 +158,7 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
             points.append(positions[used])
     found = np.concatenate(points)
     if not len(found):
-        raise AssetError(NO_TRIANGLES, where=assets[0].document.path)
+        raise nothing_to_see(assets[0].document, points=False)
     return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from wrinklecli.character.clip import chosen_clips
-from wrinklecli.errors import AssetError, counted
+from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes
@@ -19,7 +19,7 @@ from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
 from wrinklecli.review.preview.checker import checked
-from wrinklecli.review.preview.framing import NO_TRIANGLES, ONE_POINT, View, place_of, plan_views
+from wrinklecli.review.preview.framing import View, nothing_to_see, place_of, plan_views
 from wrinklecli.review.preview.heat import HEAT, heat_colours
 from wrinklecli.review.preview.misfits import Misfit, find_misfits, misfit_overlay, misfit_points
 from wrinklecli.review.preview.moments import Moment
@@ -342,7 +342,7 @@ def _misfit_cards(asset: ShownAsset, misfits: Sequence[Misfit], options: Preview
     snapshot = replace(take_snapshot(asset, stored, heat=options.heat), marks=())
     whole = snapshot.corners.reshape(-1, 3)
     if not len(whole) or not np.ptp(whole, axis=0).any():
-        raise AssetError(ONE_POINT if len(whole) else NO_TRIANGLES, where=asset.document.path)
+        raise nothing_to_see(asset.document, points=len(whole) > 0)
     for misfit in misfits:
         points = misfit_points([misfit], asset, stored)
         overlay = misfit_overlay([misfit], asset, stored)
