@@ -431,10 +431,14 @@ def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: P
     offers = session.proposals()
     assert offers
     assert "joint joint_1, shortened by " in offers[0].why
-    first = session.accept(offers[0])
-    second = session.accept(offers[0])
+    (first,) = session.accept(offers[0])
+    (second,) = session.accept(offers[0])
     assert first != second
     session.delete("far")
+    before = session.text
+    assert session.accept(offers[0], offers[0]) == [f"{offers[0].name}_2", f"{offers[0].name}_3"]
+    session.undo()
+    assert session.text == before
     assert [tool.problem for tool in session.tools()] == [None] * len(session.tools())
     suggested = suggest(tmp_path / "limb.glb").tools[0].tool
     (own,) = (tool for tool in session.settings().tools if tool.name == first)
@@ -451,7 +455,7 @@ def test_a_proposal_is_tried_alone_where_it_is_tallest(session: Session) -> None
     (before,), (after,) = (tried.shown(tried.time, wrinkled=wrinkled) for wrinkled in (False, True))
     moved = np.sqrt(np.sum((after.positions - before.positions) ** 2, axis=1))
     assert moved.max() == pytest.approx(tried.height, rel=0.2)
-    name = session.accept(offer)
+    (name,) = session.accept(offer)
     taken = session.raised(name)
     assert taken is not None
     assert taken.time == tried.time
@@ -469,7 +473,7 @@ def test_a_field_is_proposed_for_a_garment_tried_and_taken(tmp_path: Path) -> No
     tried = session.try_out(offer)
     assert tried is not None
     assert tried.height > 0.005
-    name = session.accept(offer)
+    (name,) = session.accept(offer)
     assert yaml.safe_load(session.text)["fields"] == [{**offer.values, "name": name}]
     assert session.is_taken(offer)
     assert [tool.problem for tool in session.tools()] == [None]

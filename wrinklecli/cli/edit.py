@@ -82,7 +82,7 @@ def edit(
     TOOLS is the YAML file that the page opens and saves. Without TOOLS, the file has the name of ASSET with the ending
     .yaml. If the file does not exist, the page begins without tools. Comments, order and lines that are not edited
     stay as they were. Edits that are not saved stand in .NAME.unsaved beside the file NAME, and the next run takes
-    them up.
+    them up. A page that this machine alone reaches also opens assets that were edited before, from a list.
 
     The page needs no network, but viser, embreex and Pillow: pip install 'wrinklecli[edit]'. Ctrl-C ends it. It opens
     only at the printed address with its token, which other users of this machine do not know. The name in the address
@@ -94,6 +94,7 @@ def edit(
 
     with guarded(asset):
         from wrinklecli.editor.asset import ReadOptions
+        from wrinklecli.editor.recent import recent, remember
         from wrinklecli.editor.session import Session
         from wrinklecli.review.preview.preview import refuse_missing
 
@@ -113,7 +114,11 @@ def edit(
         ended.set()
 
     session = Session(asset, tools, ReadOptions(**options))
-    page = Page(session, Access.to(host, allow_host), port, heat=heat)
+    kept = os.path.join(click.get_app_dir("wrinkle"), "recent.json")
+    # A page that other machines reach opens only what lies beside the shown asset.
+    known = recent(kept) if is_own(host) else {}
+    page = Page(session, Access.to(host, allow_host), port, heat=heat, known=known)
+    remember(kept, page.known)
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, end)
     emit(page.address)
@@ -129,6 +134,7 @@ def edit(
         while not ended.wait(0.5):
             if page.wanted is not None:
                 page = page.instead()
+                remember(kept, page.known)
                 say(f"edits {page.session.path}")
                 say_findings(page.session.notes, ())
     page.close()

@@ -37,7 +37,7 @@ from wrinklecli.numeric.guard import guarded
 from wrinklecli.review.suggest.placed import Compressed, ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
-from wrinklecli.tools.mirror import exchange_sides
+from wrinklecli.tools.mirror import exchange_sides, numbered
 from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
@@ -273,17 +273,20 @@ class Session(Edits):
             nodes = None if node is None else MeshNames.of(self._loaded.document).called(node)
             return any(proposal.is_taken(each) for each in tools if nodes is None or each.ground.rig.node in nodes)
 
-    def accept(self, proposal: Proposal) -> str:
-        """Add what is proposed, and return its name."""
+    def accept(self, *proposals: Proposal) -> list[str]:
+        """Add what is proposed in one step, and return the names."""
         with self._guarded():
-            file, name = self._base.file.of_list(proposal.list_key), proposal.name
-            if identifier(name) in self._taken_names():
-                name = self._new_name(name)
-            values = with_axes(KINDS[proposal.list_key], proposal.values, file.up) | {"name": name}
-            if file.defaults.get("mirror") not in (None, "none"):
-                values.setdefault("mirror", "none")
-            self._become(without_empty_list(file.with_tool(values).of_list("tools")), f"accept {name}")
-            return name
+            file, taken, names = self._base.file, self._taken_names(), list[str]()
+            for each in proposals:
+                names.append(numbered(each.name, taken) if identifier(each.name) in taken else each.name)
+                taken.add(identifier(names[-1]))
+                file = file.of_list(each.list_key)
+                values = with_axes(KINDS[each.list_key], each.values, file.up) | {"name": names[-1]}
+                if file.defaults.get("mirror") not in (None, "none"):
+                    values.setdefault("mirror", "none")
+                file = file.with_tool(values)
+            self._become(without_empty_list(file.of_list("tools")), f"accept {', '.join(names)}")
+            return names
 
     # Masks.
 

@@ -70,6 +70,17 @@ def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> No
     viewport._camera, viewport._split.value = None, 0
 
 
+def test_it_offers_what_was_edited_elsewhere_and_is_there_still(page: Page, tmp_path: Path) -> None:
+    other = str(limb(tmp_path / "other.glb", rings=3, sides=4))
+    known = {other: "", "/elsewhere/gone.glb": "", os.path.abspath(page.session.asset): page.session.path}
+    shown = Page(Session(page.session.asset), known=known)
+    try:
+        assert shown._files.opened.options == ("limb.glb", other)
+        assert page._files.opened.options == ("limb.glb",)
+    finally:
+        shown.close()
+
+
 def test_heat_is_the_compression_below_the_wrinkles_with_a_legend(page: Page) -> None:
     viewport, session, moment = page._viewport, page.session, ("fold", 1.0)
     session.add("tools", [(-0.4, 0.25, 0.0), (0.4, 0.25, 0.0)])

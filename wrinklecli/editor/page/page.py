@@ -19,7 +19,7 @@ from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.mask_brush import MaskBrush
 from wrinklecli.editor.page.material_panel import MaterialPanel
 from wrinklecli.editor.page.panels import FileButtons, PosePanel
-from wrinklecli.editor.page.player import Charts, Player
+from wrinklecli.editor.page.player import CurveChart, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.suggestions import SuggestPanel
@@ -60,6 +60,7 @@ _WARNING = "#b35c00"
 _ROW = (
     "border:0;padding:4px 2px;background:none;color:inherit;font:inherit;font-size:.9em;text-align:left;cursor:pointer"
 )
+_COLUMN = '<div style="padding:0 12px;text-align:right;opacity:.6;font-size:.75em">greatest height over length</div>'
 _DOT = "display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.5em"
 _START = "Choose a tool in the list: it is shown where it is tallest. B shows it without wrinkles."
 _START_EMPTY = (
@@ -79,7 +80,7 @@ class Page:
 
     Attributes:
         wanted: A session of another asset, which a user asks to see in place of this one.
-        known: The tools file of each asset that was shown so far, by its path.
+        known: The tools file of each asset that was shown so far, by its path. The page offers to open these.
 
     Raises:
         WrinkleError: The port is taken, or the host is no address of this machine.
@@ -95,7 +96,8 @@ class Page:
         known: Mapping[str, str] | None = None,
     ) -> None:
         self.session = session
-        self.known = {**(known or {}), session.asset: session.path}
+        shown = {os.path.abspath(session.asset): os.path.abspath(session.path)}
+        self.known = {**shown, **(known or {}), **shown}
         self.wanted: Session | None = None
         self.work = WorkQueue(self._fail)
         # Actions that take seconds have a thread of their own, so that a clip plays on.
@@ -200,7 +202,7 @@ class Page:
             self._brush = MaskBrush(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
             self._controls = {key: ToolControls(gui, self._changed, clips, key) for key in KINDS}
-            self._charts = Charts(gui)
+            self._curve = CurveChart(gui)
         heard = {
             "reset": self._unset,
             "choose": self._choose_number,
@@ -337,7 +339,8 @@ class Page:
         show_changed(self._list, "visible", self.chosen is None and bool(tools))
         self._names.visible = self.chosen is not None
         self._pointer.make_room(for_tool=self.chosen is not None)
-        show_changed(self._rows, "content", "".join(self._row_of(number, tool) for number, tool in enumerate(tools)))
+        rows = "".join(self._row_of(number, tool) for number, tool in enumerate(tools))
+        show_changed(self._rows, "content", (_COLUMN if self._moves else "") + rows)
 
     def _row_of(self, number: int, tool: EditedTool) -> str:
         """HTML of a tool's row: its colour in the view, its name with notes, and a switch."""
@@ -356,7 +359,7 @@ class Page:
         return (
             f'<div style="display:flex;padding:0 12px;{off}">'
             f'<button data-say="choose {number}" style="{_ROW};flex:1">{dot}{html.escape(tool.name)}{said}</button>'
-            f'<span style="{_ROW};opacity:.6" title="Greatest height over its length">{height}</span>'
+            f'<span style="{_ROW};opacity:.6">{height}</span>'
             f'<button data-say="switch {number}" style="{_ROW}" title="Switch it on or off">{switch}</button></div>'
         )
 
@@ -371,15 +374,15 @@ class Page:
         attached = self.session.attached_tools().get(self.chosen) if self.chosen else None
         if self.chosen is not None:
             if attached is not None:
-                self._charts.set_ranges(attached.span, attached.attached.greatest_height)
+                self._curve.set_ranges(attached.span, attached.attached.greatest_height)
             over = None if clip is None else self.session.heights(self.chosen, clip)
-        self._charts.show_heights(over)
+        self.player.show_heights(over)
         self._chart_now()
 
     def _chart_now(self) -> None:
         if self.chosen is not None:
-            self._charts.show_now(self.player.time)
-            self._charts.show_curve(self.session.curve(self.chosen, self.player.clip, self.player.time))
+            self.player.show_now()
+            self._curve.show(self.session.curve(self.chosen, self.player.clip, self.player.time))
 
     # User actions: choosing and looking.
 

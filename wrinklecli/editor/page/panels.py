@@ -32,7 +32,9 @@ _MAX_DEGREES = 180.0  # greatest turn of a joint, of either sign
 _DEGREES_STEP = 1.0  # step of a turn
 _WEIGHT_STEP = 0.01  # step of a morph target's weight, which goes from 0 to 1
 _NOTHING = "–"  # the only choice of an asset without joints or morph targets
-_OPEN_TIP = "Another asset of this folder, with its tools file. Edits that are not saved here are kept."
+_OPEN_TIP = (
+    "Another asset, of this folder or edited before, with its tools file. Edits that are not saved here are kept."
+)
 
 
 class _EndedError(Exception):
@@ -49,9 +51,12 @@ class FileButtons:
         add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
         overwrite = partial(self._save, overwrite=True)
         self._folder, shown = os.path.split(self._session.asset)
-        # Only files beside the shown one, so that a page which others reach opens no file of theirs.
+        # Only files beside the shown one and those that are known, so that a page which others reach opens no others.
         beside = sorted(each for each in os.listdir(self._folder or ".") if each.lower().endswith(MODEL_ENDINGS))
-        self.opened: Any = page.server.gui.add_dropdown("open", [*dict.fromkeys([shown, *beside])], hint=_OPEN_TIP)
+        here = os.path.abspath(self._folder)
+        known = [path for path in page.known if os.path.dirname(path) != here and os.path.isfile(path)]
+        names = [*dict.fromkeys([shown, *beside, *known])]
+        self.opened: Any = page.server.gui.add_dropdown("open", names, hint=_OPEN_TIP)
         on_set(page, self.opened, "open", lambda: page.slow.put("open", self._open_beside))
         label = "Save over what others have written"
         self._overwrite = add_button(page, label, overwrite, color="red", visible=False)
@@ -68,10 +73,11 @@ class FileButtons:
             self._page.say("\n".join(notes), ASKS)
 
     def _open_beside(self) -> None:
-        """Read another asset of the folder with its tools file; on the slow thread."""
+        """Read another asset, of the folder or by its whole path, with its tools file; on the slow thread."""
         name, self.opened.value = self.opened.value, os.path.basename(self._session.asset)
         path = os.path.join(self._folder, name)
-        self._page.wanted = Session(path, self._page.known.get(path), self._session.read_options)
+        tools = self._page.known.get(os.path.abspath(path))
+        self._page.wanted = Session(path, tools, self._session.read_options)
 
     def _step(self, *, forward: bool) -> None:
         self._page.commit()

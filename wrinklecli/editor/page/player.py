@@ -1,4 +1,4 @@
-"""The player, which chooses the shown clip and time, and the charts of a tool at that time."""
+"""The player, which chooses the shown clip and time, with a tool's height over the clip; and a tool's control curve."""
 
 import time
 from typing import Any
@@ -10,7 +10,7 @@ from viser import uplot
 from wrinklecli.character.clip import Clip
 from wrinklecli.choices import FPS
 from wrinklecli.editor.free_pose import POSE
-from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set, value_within
+from wrinklecli.editor.page.widgets import PageHost, add_button, add_shortcut, on_set, show_changed, value_within
 from wrinklecli.numeric.arrays import Floats
 
 _REST = "as stored"
@@ -19,6 +19,7 @@ _MAX_SPEED = 2.0  # times the clip's own speed
 _SPEED_STEP = 0.05  # times the clip's own speed
 _TIME_STEP = 0.001  # seconds
 _CHART_HEIGHT = 110  # pixels
+_TIMELINE_HEIGHT = 60  # pixels of the chart over the time, which hides as much of the view
 _HEADROOM = 1.1  # greatest height on the curve's axis over the tool's greatest height
 _INK = "#1f6fd6"
 _FILL = "#1f6fd622"
@@ -40,6 +41,12 @@ class Player:
         gui = page.server.gui
         names = (*self._clips, POSE, _REST)
         self._clip: Any = gui.add_dropdown("clip", names, hint="Motions of joints and morph targets are clips, too.")
+        height = uplot.Series(label="height", stroke=_INK, width=2)
+        playhead = uplot.Series(label="now", stroke=_PLAYHEAD_INK, width=2)
+        series = (uplot.Series(label="seconds"), height, playhead)
+        self._heights = _chart(gui, "height over the clip", _TIMELINE_HEIGHT, *series)
+        self._heights.axes, self._heights.visible = 2 * (uplot.Axis(show=False),), False
+        self._over: tuple[Floats, Floats] | None = None
         self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
         self._button = add_button(page, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
@@ -115,6 +122,25 @@ class Player:
         self._time.disabled = end <= start
         self._time.value = self.time
 
+    def show_heights(self, over: tuple[Floats, Floats] | None) -> None:
+        """Draw the heights of a tool over the clip, at (times,) seconds, with a playhead at the shown time."""
+        self._over = over
+        show_changed(self._heights, "visible", over is not None)
+        self.show_now()
+
+    def show_now(self) -> None:
+        """Move the playhead to the shown time."""
+        if self._over is None:
+            return
+        times, heights = self._over
+        # The playhead is a line straight up and down: it needs the same time three times.
+        place = int(np.searchsorted(times, self.time))
+        x = np.insert(times, [place] * 3, self.time)
+        y = np.insert(heights, [place] * 3, np.interp(self.time, times, heights))
+        head = np.zeros(len(x))
+        head[place + 1] = float(heights.max(initial=0.0)) or 1.0
+        self._heights.data = (x, y, head)
+
     def _tick(self) -> None:
         """Show the present frame of a clip that plays, and queue the next one."""
         now = time.monotonic()
@@ -129,18 +155,14 @@ class Player:
         self._page.work.put_later("tick", max(1.0 / FPS - (time.monotonic() - now), 0.0), self._tick)
 
 
-class Charts:
-    """A tool's control curve at the shown moment, and its height over the clip with a playhead."""
+class CurveChart:
+    """A tool's control curve at the shown moment."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        height = uplot.Series(label="height", stroke=_INK, width=2)
         filled = uplot.Series(label="height", stroke=_INK, width=2, fill=_FILL)
-        playhead = uplot.Series(label="now", stroke=_PLAYHEAD_INK, width=2)
-        self._curve = _chart(gui, "control curve, scene units", uplot.Series(label="along"), filled)
-        self._heights = _chart(gui, "height over the clip", uplot.Series(label="seconds"), height, playhead)
-        self._over: tuple[Floats, Floats] | None = None
+        self._curve = _chart(gui, "control curve, scene units", _CHART_HEIGHT, uplot.Series(label="along"), filled)
 
-    def show_curve(self, curve: Floats | None) -> None:
+    def show(self, curve: Floats | None) -> None:
         """Draw the (points, 2) of a control curve, of which a field has none."""
         self._curve.visible = curve is not None and len(curve) > 0
         if curve is not None and len(curve):
@@ -153,26 +175,8 @@ class Charts:
             "y": uplot.Scale(range=(0.0, _HEADROOM * height)),
         }
 
-    def show_heights(self, over: tuple[Floats, Floats] | None) -> None:
-        """Take (times,) seconds and (times,) heights, which `show_now` draws."""
-        self._over = over
-        self._heights.visible = over is not None
 
-    def show_now(self, now: float) -> None:
-        """Draw the heights, with the playhead at a time, seconds."""
-        if self._over is None:
-            return
-        times, heights = self._over
-        # The playhead is a line straight up and down: it needs the same time three times.
-        place = int(np.searchsorted(times, now))
-        x = np.insert(times, [place] * 3, now)
-        y = np.insert(heights, [place] * 3, np.interp(now, times, heights))
-        head = np.zeros(len(x))
-        head[place + 1] = float(heights.max(initial=0.0)) or 1.0
-        self._heights.data = (x, y, head)
-
-
-def _chart(gui: viser.GuiApi, title: str, *series: uplot.Series) -> Any:
+def _chart(gui: viser.GuiApi, title: str, height: int, *series: uplot.Series) -> Any:
     """Add an empty chart; the first series is the x axis."""
     return gui.add_uplot(
         (np.array([0.0, 1.0]), *(np.zeros(2) for _ in series[1:])),
@@ -180,5 +184,5 @@ def _chart(gui: viser.GuiApi, title: str, *series: uplot.Series) -> Any:
         title=title,
         scales={"x": uplot.Scale(time=False)},
         legend=uplot.Legend(show=False),
-        height=_CHART_HEIGHT,
+        height=height,
     )

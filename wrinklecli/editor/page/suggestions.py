@@ -44,6 +44,8 @@ class SuggestPanel:
         with self.folder:
             tip = "Looks for the places that clips compress most, or the pose that is set and shown."
             add_button(page, "Find places", self._ask, icon=viser.Icon.SEARCH, color="gray", hint=tip)
+            tip = "Adds all that are shown, in one step to undo."
+            self._all = add_button(page, "Take all", self._take_all, color="gray", hint=tip, visible=False)
 
     def refresh(self) -> None:
         """Hide proposals whose places have tools by now, and remove all if the asset has changed."""
@@ -53,6 +55,7 @@ class SuggestPanel:
             free = not self._session.is_taken(row.proposal)
             show_changed(row.card, "visible", free)
             show_changed(row.buttons, "visible", free)
+        show_changed(self._all, "visible", sum(row.card.visible for row in self._rows) > 1)
 
     def _clear(self) -> None:
         self._viewport.hint_at(None)
@@ -120,9 +123,16 @@ class SuggestPanel:
         if row not in self._rows or not row.card.visible:  # the second click of two, or that of another tab
             return
         self._page.commit()
-        name = self._session.accept(row.proposal)
+        (name,) = self._session.accept(row.proposal)
         self._viewport.hint_at(None)
         self._page.choose(name, look=True)
+
+    def _take_all(self) -> None:
+        self._page.commit()
+        names = self._session.accept(*(row.proposal for row in self._rows if row.card.visible))
+        self._viewport.hint_at(None)
+        self._page.refresh()
+        self._page.say(f"{', '.join(names)}: added")
 
 
 def _card(number: int, row: _Row, picture: Bytes | None) -> str:

@@ -35,8 +35,8 @@ _OVER_VIEW += "pointer-events:none;background:#fffd;border-radius:4px"
 class PageHost(Protocol):
     """The page, as its parts see it, with a queue for quick actions and one for actions that take seconds.
 
-    `wanted` is a session to show in place of its own, and `known` has the tools file of each asset that was shown.
-    `chosen` is the name of the tool that the page shows, and `keys` says what each key does.
+    `wanted` is a session to show in place of its own, and `known` has the tools file of each asset that was shown, the
+    last one first. `chosen` is the name of the tool that the page shows, and `keys` says what each key does.
     """
 
     server: viser.ViserServer
