@@ -11,7 +11,7 @@ or makes a predicate constant. Annotations, messages of errors and decorators of
 A change meets the quick tests that run its line, the nearest first, and tests that look at much at once, as these may
 look at what another test has made. Near are files that import its module or are named like it, those of its folder
 within a room, files that import a module that imports it, and the other files of its room. They stop after 40 s of
-processor, a tenth of what all quick tests take, so that the figure is a lower bound. Which tests run a line is measured
+processor, half of what all quick tests take, so that the figure is a lower bound. Which tests run a line is measured
 once for DIR by the package `coverage`, in 6 minutes of processor. DIR keeps copies of the tree; nothing is written to
 the real tree. A person must judge which of the survivors change no behaviour.
 """
@@ -45,6 +45,8 @@ FAR = 8  # files of tests that run a change, but are not near it: all would take
 # Files with tests that look at much at once.
 NETS = ("test_goldens.py", "test_pictures.py")
 PATIENCE = 1200.0  # seconds that tests may take on a busy machine: a change may make a loop endless
+# Processes have imported what pytest would rewrite.
+OPTIONS = ("-q", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning")
 UNTOUCHED = ("annotation", "returns", "exc", "msg", "op", "ops", "ctx")  # fields of nodes
 
 # Processes fork from one that has imported what tests need, but nothing of the package: an import takes a second.
@@ -229,15 +231,14 @@ def measure_lines(tree: Path, out: Path) -> None:
     """Run all quick tests in a tree, in a process of its own, and write which lines each of them runs."""
     enter(tree, out.with_suffix(".txt"))
     plugin = Lines(tree)
-    pytest.main(["-q", "-p", "no:cacheprovider"], plugins=[plugin])
+    pytest.main([*OPTIONS], plugins=[plugin])
     out.write_text(json.dumps(plugin.found(tree)))
 
 
 def run_tests(tree: Path, run: "Run", said: Path) -> None:
     """Run pytest in a tree, in a process of its own, until a test fails; what it says goes to a file."""
     enter(tree, said)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
-    code = pytest.main([*options, *run.arguments], plugins=[] if "-m" in run.arguments else [Budget(run.first)])
+    code = pytest.main(["-x", *OPTIONS, *run.arguments], plugins=[] if "-m" in run.arguments else [Budget(run.first)])
     sys.stdout.flush()
     sys.exit(code)
 
