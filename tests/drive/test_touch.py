@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from kit.bakes import place
 from kit.touch import GRIP, PAD, SECONDS, plate
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
@@ -26,6 +27,9 @@ PALM = {
     "release": {"frequency": 4.0, "damping": 1.0},
     "rises": [[0.0, 0.0], [1.0, 1.0]],
 }
+
+# Where the axes of a place of the plate end.
+ENDS = np.array([[0.0, 0.0, 0.0], [PAD, 0.0, 0.0], [0.0, 0.0, PAD], [0.0, PAD, 0.0]])
 
 
 @given(st.lists(st.floats(-3.0, 3.0), max_size=4), st.booleans(), st.integers(-9, 9))
@@ -114,20 +118,45 @@ def test_a_forged_touch_is_refused(forged: dict[str, Any]) -> None:
         StoredDrive.read(full_palm(**forged))
 
 
+def rests_on(**other: Any) -> dict[str, Any]:
+    """A drive on the plate of `kit.touch`, whose node `tip` touches it."""
+    anchors = [{**ANCHOR, "joints": ["bone"], "positions": [end]} for end in ENDS.tolist()]
+    sizes = {"pad": PAD, "grip": GRIP, "deepest": 0.003}
+    shown = {"anchors": anchors, "by": {**ANCHOR, "joints": ["tip"]}, "windows": []}
+    return PALM | sizes | shown | {"targets": [f"wrinkle_palm_{k}" for k in range(5)]} | other
+
+
+@given(st.lists(st.tuples(*[st.floats(-0.03, 0.08)] * 3), min_size=2, max_size=4, unique=True))
+def test_a_tip_over_a_row_is_above_the_skin_by_what_each_place_near_it_bends(ways: list[tuple[float, ...]]) -> None:
+    """Forward is +x, up is +y and sideways +z; three places, a pad apart, share a tip between them."""
+    document = read_document(place(plate(cells=2, tip=np.array(ways), turns=False)))
+    bends, moved = np.array([[3.0, 0.5, -2.0], [-4.0, 1.0, 7.0], [6.0, -2.0, 1.0]]), np.array([[PAD, 0.0, 0.0]])
+    rows = [
+        {"anchors": [{**ANCHOR, "joints": ["bone"], "positions": [end]} for end in (ENDS + k * moved).tolist()],
+         "bend": bend.tolist(), "rises": PALM["rises"], "windows": []}
+        for k, bend in enumerate(bends)
+    ]  # fmt: skip
+    data = rests_on(row=rows[1:], spacing=PAD, targets=[f"wrinkle_palm_{k}" for k in range(6)], **rows[0])
+    drive = StoredDrive.read(data).on({"bone": 1, "tip": 2}, ())
+    assert isinstance(drive, TouchDrive)
+    times = np.linspace(0.0, SECONDS, len(ways))
+    found = drive.tip_in(read_rig(document, 0), read_clips(document)[0], times)
+    x, y, z = np.array(ways, np.float32).astype(float).T
+    heights = [y - bend @ [(x - k * PAD) ** 2, (x - k * PAD) * z, z**2] for k, bend in enumerate(bends)]
+    numbers = np.clip(x / PAD, 0.0, 2.0)
+    mean = [
+        np.interp(number, [0.0, 1.0, 2.0], each) for number, each in zip(numbers, np.transpose(heights), strict=True)
+    ]
+    assert found == pytest.approx(np.stack([x, z, mean], axis=1), abs=1e-6)  # keys are float32
+
+
 @pytest.mark.parametrize("lifted", [0.5, 2.0])
 def test_a_tip_that_is_on_the_skin_when_a_clip_begins_has_not_slid_it_yet(tmp_path: Path, lifted: float) -> None:
     """It drags the skin as far as it goes, and lets go where it is lifted, if it is within the clip."""
     ways = np.array([(-0.004, 0.0, 0.0), (0.0, 0.0, 0.001), (0.004, 0.0, 0.002), (0.004, 0.0, 0.002)])
     ways[np.linspace(0.0, SECONDS, len(ways)) > lifted, 1] = 1.0
     document = read_document(plate(cells=2, tip=ways, turns=False).write(tmp_path / "plate.glb"))
-    ends = [[0.0, 0.0, 0.0], [PAD, 0.0, 0.0], [0.0, 0.0, PAD], [0.0, PAD, 0.0]]
-    anchors = [{**ANCHOR, "joints": ["bone"], "positions": [end]} for end in ends]
-    by = {**ANCHOR, "joints": ["tip"]}
-    sizes = {"pad": PAD, "grip": GRIP, "deepest": 0.003}
-    data = (
-        PALM | sizes | {"anchors": anchors, "by": by, "windows": [], "targets": [f"wrinkle_palm_{k}" for k in range(5)]}
-    )
-    drive = StoredDrive.read(data).on({"bone": 1, "tip": 2}, ())
+    drive = StoredDrive.read(rests_on()).on({"bone": 1, "tip": 2}, ())
     assert isinstance(drive, TouchDrive)
     rig, (clip,) = read_rig(document, 0), read_clips(document)
     (stroke,) = drive.strokes_in(rig, clip)
@@ -138,3 +167,24 @@ def test_a_tip_that_is_on_the_skin_when_a_clip_begins_has_not_slid_it_yet(tmp_pa
         assert ended[0] < lifted + SECONDS / 3
     else:
         assert stroke[-1, :3] == pytest.approx([SECONDS, 0.008, 0.002], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "ways",
+    [
+        [(-0.005, 0, -0.001), (0.009, 0, -0.001), (0, 0.009, -0.001), (-0.009, 0, -0.001), (-0.005, 0, -0.001)],
+        [(-0.005, 0, 0.03), (-0.005, 0, -0.001), *[(0.002 * k, 0, -0.001) for k in range(6)], (-0.005, 0, 0.03)],
+    ],
+    ids=["held", "let go"],
+)
+def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> None:
+    """A tip that rubs the skin slips, and one that lets go late leaves the skin slid where the clip begins anew."""
+    tip = np.array(ways)[:, [0, 2, 1]]
+    document = read_document(place(plate(cells=2, tip=tip, turns=False)))
+    data = rests_on(release={"frequency": 1.0, "damping": 0.7})
+    drive, (clip,) = StoredDrive.read(data).on({"bone": 1, "tip": 2}, ()), read_clips(document)
+    assert isinstance(drive, TouchDrive)
+    start, end = drive.contacts_in(read_rig(document, 0), clip)(np.array([0.0, SECONDS]))
+    assert np.hypot(*start[:2]) > 0.1 * GRIP
+    assert start[:2] == pytest.approx(end[:2], abs=0.002 * GRIP)
+    assert (start[2] > 0) == (ways[0][2] < 0)

@@ -203,24 +203,6 @@ def test_a_node_that_comes_near_drags_the_skin_and_slips() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "ways",
-    [
-        [(-0.005, -0.001, 0), (0.009, -0.001, 0), (0, -0.001, 0.009), (-0.009, -0.001, 0), (-0.005, -0.001, 0)],
-        [(-0.005, 0.03, 0), (-0.005, -0.001, 0), *[(0.002 * k, -0.001, 0) for k in range(6)], (-0.005, 0.03, 0)],
-    ],
-    ids=["held", "let go"],
-)
-def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> None:
-    """A tip that rubs the skin slips, and one that lets go late leaves the skin slid where the clip begins anew."""
-    asset = place(plate(tip=np.array(ways, np.float64), turns=False))
-    file = baked(asset, touch(by="tip", keys={}, release={"frequency": 1, "damping": 0.7}), levels=0)
-    start, end = file.weights("skin", "drag", np.array([0.0, SECONDS]))
-    assert start[:4].max() > 0.1
-    assert start == pytest.approx(end, abs=0.003)
-
-
-@pytest.mark.slow
 def test_a_tip_lets_go_of_skin_that_is_hidden() -> None:
     """Scale hides the body at both ends of a loop, as where a character comes and goes."""
     sizes = {0.0: 0.0, 0.5: 1.0, 1.5: 0.0}
