@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -30,6 +32,7 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import Document, read_document
+from wrinklecli.gltf.draco import _promised
 
 DRACO = "KHR_draco_mesh_compression"
 
@@ -301,6 +304,18 @@ def weights_of(path: Path) -> Floats:
 
 def test_rounded_weights_add_up_to_one_again() -> None:
     assert np.abs(weights_of(compressed_sample("gltf_transform_draco")).sum(axis=1) - 1.0).max() < 1e-6
+
+
+@given(st.binary(max_size=14), st.integers(0, 1))
+def test_a_stream_that_ends_early_says_as_much_as_there_is(data: bytes, method: int) -> None:
+    """Numbers have seven bits in each byte, and five bytes at most; the highest bit says that more follow."""
+    promised = _promised(memoryview(b"DRACO\x02\x02\x01" + bytes([method, 0, 0]) + data))
+    left, found = list(data[method:]), []
+    for _ in range(2):
+        length = next((k + 1 for k, byte in enumerate(left[:5]) if byte < 128), min(len(left), 5))
+        found.append(sum((byte % 128) * 128**k for k, byte in enumerate(left[:length])))
+        del left[:length]
+    assert list(promised) == (found[::-1] if method and data else found)
 
 
 def test_primitives_that_draco_rounds_apart_weld(tmp_path: Path) -> None:

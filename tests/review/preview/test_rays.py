@@ -9,7 +9,7 @@ import pytest
 
 from kit.limb import limb_asset
 from wrinklecli.numeric.arrays import unit
-from wrinklecli.review.preview.rays import Occluders, _seen, first_hits, trace
+from wrinklecli.review.preview.rays import Occluders, _seen, first_hits, in_sight, trace
 
 MAIN = "from wrinklecli.cli import main; main()"
 
@@ -89,6 +89,17 @@ def test_rays_go_on_behind_what_lets_light_through() -> None:
             assert shares[of_ray] == pytest.approx([1.0] if count == 1 else [0.5, 0.25, 0.125])
             places = np.einsum("hk,hkx->hx", weights[of_ray], corners[triangles[of_ray]])
             assert places == pytest.approx(depths[of_ray, None] * direction, abs=1e-2)
+
+
+@pytest.mark.usefixtures("rays")
+@pytest.mark.parametrize(("tangent", "shown"), [(0.0, [False, True]), (0.25, [False, False])])
+def test_a_point_is_in_sight_unless_a_triangle_is_between_it_and_the_eye(tangent: float, shown: list[bool]) -> None:
+    """A pane at z = 1 hides what is behind it; an eye at z = 4 sees a point further aside through it, too."""
+    pane = np.array([[[-9, -9, 1], [1, -9, 1], [1, 9, 1]], [[-9, -9, 1], [1, 9, 1], [-9, 9, 1]]], float)
+    surface = trace(pane, np.tile([0.0, 0.0, 1.0], (2, 3, 1)), tangent)
+    behind = np.array([[0.5, 0.1, 0.0], [1.2, 0.1, 0.0]])
+    points = np.concatenate([behind, behind + np.array([0.0, 0.0, 2.0]), [[0.5, 0.1, 1.0]]])
+    assert in_sight(surface, points).tolist() == [*shown, True, True, True]
 
 
 def test_where_there_is_no_triangle_nothing_hides_anything() -> None:
