@@ -157,6 +157,7 @@ def test_the_original_comes_back_from_parts(pair: tuple[Gltf, Gltf], tmp_path: P
         wrinklecli.bake(parted.path, tools, tmp_path / "out.glb")
 
 
+@pytest.mark.quick(1)
 def test_pictures_find_the_peaks_of_tools_whose_mesh_is_in_parts(pair: tuple[Gltf, Gltf]) -> None:
     peaks = []
     for file in pair:

@@ -30,7 +30,6 @@ def printed(wrinkle: Wrinkle, *arguments: str) -> dict[str, Any]:
     return data
 
 
-@pytest.mark.slow
 def test_a_bake_prints_what_its_report_says(limb: Wrinkle) -> None:
     with small_maps(32):
         arguments = ("bake", "limb.glb", "t.yaml", "-o", "out.glb", "--maps-dir", "maps", "--report", "r.json")
@@ -42,7 +41,6 @@ def test_a_bake_prints_what_its_report_says(limb: Wrinkle) -> None:
     assert Path("out.glb").exists()
 
 
-@pytest.mark.slow
 def test_other_commands_print_what_they_made(limb: Wrinkle) -> None:
     with small_maps(32):
         data = printed(limb, "maps", "limb.glb", "t.yaml", "-o", "maps", "--size", "32")

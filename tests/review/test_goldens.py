@@ -62,7 +62,7 @@ SUGGESTED: dict[str, tuple[Callable[[], Asset] | None, tuple[str, ...]]] = {
 }
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(2, 2)
 @pytest.mark.parametrize("name", SUGGESTED)
 def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrinkle, golden: Golden) -> None:
     make, options = SUGGESTED[name]
@@ -72,7 +72,6 @@ def test_tools_are_suggested_as_before(name: str, tmp_path: Path, wrinkle: Wrink
     golden.text("\n".join([(tmp_path / "tools.yaml").read_text(), *ran.lines, ran.out]), f"suggest_{name}.txt")
 
 
-@pytest.mark.slow
 def test_folds_are_measured_as_before(golden: Golden) -> None:
     """Sites of a surface, their losses and their regions make suggestions, and are held before they are rounded."""
     document = read_document(place(sleeve(root={"translation": [0.3, 0.1, 0.2]})))

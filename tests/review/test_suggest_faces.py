@@ -84,7 +84,6 @@ def test_a_name_says_a_motion_and_its_side(name: str, motions: str, side: str) -
     assert (" ".join(said), of_side if said else "") == (motions, side)
 
 
-@pytest.mark.slow
 def test_tools_of_a_face_are_as_before(golden: Golden) -> None:
     found = suggested("facs")[2]
     golden.text("\n".join([found.text, *found.notes]), "suggest_face.txt")

@@ -52,6 +52,7 @@ def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
     assert len(report.data["muscles"]) == 2 * len(NAMES)
 
 
+@pytest.mark.slow
 def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     """A biceps and the thigh's quadriceps in front, triceps, hamstrings and calf behind, flexors below."""
     found = wrinklecli.suggest(plumed().write(tmp_path / "tubes.glb"), muscles=True, range_of_motion=True)

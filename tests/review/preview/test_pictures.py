@@ -17,17 +17,17 @@ PICTURES: dict[str, Json] = {
     # Both assets at two moments, from two sides, with tools, heat and a legend.
     "sheet": {"before": True, "heat": True, "times": (0.4, 1.0), "views": ["front", "30:40"], "size": (128, 96)},
     "grid": {"grid": True, "before": True, "views": ["left", "oblique"], "size": (160, 120)},
-    "review": {"review": True, "size": (128, 96)},
     "styles": {
         "rest": True,
         "style": Style(wire=True, backfaces=True, key=(0.62, 0.62, 0.48)),
         "views": ["top"],
         "size": (128, 96),
     },
+    "review": {"review": True, "size": (128, 96)},
 }
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("name", PICTURES)
 def test_a_picture_looks_as_before(name: str, tmp_path: Path, golden: Golden) -> None:
     asset = limb_asset(rings=13, sides=10, joints=3, colors=True).write(tmp_path / "limb.glb")
