@@ -48,13 +48,13 @@ def without(module: ModuleType, name: str, stand_in: Callable[..., Any], angle: 
 @cache
 def free(angle: float = 80.0) -> MeshPlan:
     """It as it is before contact lowers it."""
-    return without(lowering, "_crossing", lambda _poses: [], angle)
+    return without(lowering, "_crossing", lambda *_given: [], angle)
 
 
 @cache
 def unlowered(angle: float = 80.0) -> MeshPlan:
     """It as if nothing were at fault."""
-    return without(carry, "lowering", lambda *given: np.ones(given[-1].shape[:2]), angle)
+    return without(carry, "lowering", lambda *given: np.ones(given[-2].shape), angle)
 
 
 def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
@@ -128,10 +128,17 @@ def test_contact_changes_nothing_where_nothing_crosses() -> None:
 
 def test_poses_of_clips_are_looked_at_before_those_of_sweeps() -> None:
     looked = list[Floats]()
+
+    def poses(*given: Any) -> tuple[Floats, Floats]:
+        found = chosen(*given)
+        looked.append(found[1])
+        return found
+
+    chosen = lowering._poses
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lowering, "_POSES", 5)
-        patch.setattr(lowering, "_crossing", lambda poses: looked.append(poses.weights) or [])
-        job, plan = planned.__wrapped__("resolve", 80.0)
+        patch.setattr(lowering, "_poses", poses)
+        job, plan = planned.__wrapped__("off", 80.0)
     (clip,), layer = job.clips, plan.layer(FieldLayer)
     assert layer is not None
     (field,) = layer.parts

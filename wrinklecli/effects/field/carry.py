@@ -77,23 +77,22 @@ def displaced(
     # Linear mixtures of coarse values have creases.
     average = sheet.averaging(NEAR * attached.wavelength)
     heights = average.of(values[:, :count])
-    whole = max(float(heights.max(initial=0.0)), _TINY)
-    heights = np.maximum(heights - UNSEEN * whole, 0.0)
+    tallest = max(float(heights.max(initial=0.0)), _TINY)
+    heights = np.maximum(heights - UNSEEN * tallest, 0.0)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
-    remaining = float(heights.max(initial=0.0)) / whole
+    remaining = float(heights.max(initial=0.0)) / tallest
     covered = np.zeros(len(free))
     covered[vertices] = np.minimum(heights.max(axis=1) / (_SEEN * values[:, -1]), 1.0)
     waves = _waves(attached, sheet, average, normals, values[:, count:], shares)
     outward = fine.raising_at(vertices)
-    moves = (heights * waves.heights[:, None]).T[:, :, None] * outward
     if shown is not None:
-        left = lowering(attached, shown, fine, vertices, moves)
-        moves *= left[:, :, None]
-        heights *= left.T
+        whole, ways = np.zeros((count, len(free))), np.zeros(fine.positions.shape)
+        whole[:, vertices], ways[vertices] = heights.T, waves.heights[:, None] * outward
+        heights *= lowering(attached, shown, fine, whole, ways)[:, vertices].T
     a, b = waves.sides.T
     bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0
     found = np.zeros((count, len(fine.positions), 3))
-    found[:, vertices] = moves
+    found[:, vertices] = (heights * waves.heights[:, None]).T[:, :, None] * outward
     edges = Middles.numbers_of(vertices[waves.sides], fine)
     middles = Middles(edges, bent.T[:, :, None] * (outward[a] + outward[b]) / 2.0)
     return Displacements(found, middles, covered, remaining)
