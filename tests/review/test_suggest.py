@@ -153,7 +153,7 @@ def test_tools_name_their_node_where_several_meshes_deform(tmp_path: Path) -> No
 
 
 @pytest.mark.quick(0, 1)
-@pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "日本 \u2028", "- [x", " "])
+@pytest.mark.parametrize("name", ['a"b', "a\\b: #", "new\nline\x07", "a\x7f\x85b", "日本 \u2028", "- [x", " "])
 def test_a_node_of_any_name_can_be_named(tmp_path: Path, name: str) -> None:
     asset = two_limbs()
     asset.gltf["nodes"][-1]["name"] = name

@@ -25,9 +25,9 @@ def person(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_body_gets_regions_where_its_skin_is_thick(person: Path, tmp_path: Path) -> None:
     """Its chest is lean. The others lie where they should, mirrored, and the file bakes."""
     found = suggest_once(person, flesh=True)
-    places = {each.region.name: each.region.at for each in found.flesh}
+    places = {each.effect.name: each.effect.at for each in found.guesses}
     assert set(places) == {"belly", "buttock.L", "thigh.L", "cheek.L"}
-    assert {each.region.name for each in found.flesh if each.mirrored} == set(places) - {"belly"}
+    assert {each.effect.name for each in found.guesses if each.mirrored} == set(places) - {"belly"}
     assert any(note.startswith("chest: left out, as skin and bone are") for note in found.notes)
     # Above the hips, below the chest, and below the eyes.
     assert 1.0 < places["belly"][1] < 1.1
@@ -47,10 +47,10 @@ def test_a_region_says_how_far_a_clip_swings_it(person: Path, tmp_path: Path) ->
     found = suggest_once(person, flesh=True)
     (tmp_path / "flesh.yaml").write_text(found.text)
     listed = {each["name"]: each["clips"] for each in check(person, tmp_path / "flesh.yaml").data["flesh"]}
-    for each in found.flesh:
-        sides = [each.region.name, each.region.name.replace(".L", ".R")]
+    for each in found.guesses:
+        sides = [each.effect.name, each.effect.name.replace(".L", ".R")]
         moved = max(clip["largest_move"] for name in sides for clip in listed[name])
-        assert each.move.height == pytest.approx(moved, rel=0.15)
+        assert each.facts["height"] == pytest.approx(moved, rel=0.15)
 
 
 @pytest.mark.slow
@@ -59,13 +59,13 @@ def test_clothes_over_a_region_are_named(tmp_path: Path, monkeypatch: pytest.Mon
     """Shirt and trousers move with the flesh below them; what lies over a face does not, coarse as this one is."""
     monkeypatch.setattr("wrinklecli.review.suggest.flesh.LEAST_VERTICES", 1)
     found = wrinklecli.suggest(avatar().write(tmp_path / "avatar.glb"), flesh=True)
-    worn = {each.region.name: each.region.meshes for each in found.flesh}
+    worn = {each.effect.name: each.effect.meshes for each in found.guesses}
     assert worn == {
         "belly": ("mesh_1", "mesh_2"), "buttock.L": ("mesh_1",), "thigh.L": ("mesh_1",), "cheek.L": ()
     }  # fmt: skip
-    (cheek,) = (each.region.at for each in found.flesh if each.region.name == "cheek.L")
+    (cheek,) = (each.effect.at for each in found.guesses if each.effect.name == "cheek.L")
     assert cheek[0] > 0.04
-    assert 'meshes: ["mesh_1", "mesh_2"]' in found.text
+    assert "meshes: [mesh_1, mesh_2]" in found.text
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_flesh_on_a_coarse_mesh_is_left_out(tmp_path: Path) -> None:
     The middle of the right cheek is nearest to a corner beyond the region.
     """
     found = wrinklecli.suggest(cartoon().write(tmp_path / "cartoon.glb"), flesh=True)
-    assert found.flesh == ()
+    assert found.guesses == ()
     for name in ("cheek.L", "cheek.R"):
         line = f"{name}: left out, as the mesh is too coarse there: 1 vertex would move, fewer than 5"
         assert line in found.notes
@@ -114,4 +114,4 @@ def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> Non
     asset = limb(tmp_path / "limb.gltf", rings=9, sides=8)
     ran = wrinkle("suggest", asset, "--flesh", "-o", tmp_path / "flesh.yaml")
     assert ran.code == 1
-    assert "nothing to suggest: no joints are named as two legs" in ran.lines[-1]
+    assert "nothing to suggest: no joints of a mesh are named as two legs" in ran.lines[-1]

@@ -20,7 +20,7 @@ from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import suggest
-from wrinklecli.review.suggest.text import tools_text
+from wrinklecli.review.suggest.text import file_text
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
@@ -93,7 +93,7 @@ def test_furrows_of_skin_may_become_wide_ones(tmp_path: Path) -> None:
     assert found.tool.profile == "skin"
     smoother = found.others[-1]
     assert smoother.tool.profile == "smooth"
-    (tmp_path / "tools.yaml").write_text(tools_text([smoother], ""))
+    (tmp_path / "tools.yaml").write_text(file_text([smoother.entry]))
     assert not check(path, tmp_path / "tools.yaml").warnings
 
 
@@ -113,7 +113,7 @@ def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path,
     pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, one_sided=one_sided)
     (kept,) = judged(sheet(tmp_path / "a.glb", FLAT), pair).tools
     assert (
-        "# fold.R, which mirror makes, is there for other clips: none here raises it" in tools_text([kept], "")
+        "# fold.R, which mirror makes, is there for other clips: none here raises it" in file_text([kept.entry])
     ) is one_sided
 
 

@@ -18,13 +18,10 @@ from wrinklecli.numeric.memory import GPU_BUDGET, parse_bytes
 
 if TYPE_CHECKING:
     from wrinklecli.review.suggest.fitted_tools import Suggestion
-    from wrinklecli.review.suggest.flesh import SuggestedFlesh
     from wrinklecli.review.suggest.garments import SuggestedField
-    from wrinklecli.review.suggest.moves import Move
-    from wrinklecli.review.suggest.muscles import SuggestedMuscle
     from wrinklecli.review.suggest.score import Score
     from wrinklecli.review.suggest.suggest import Suggestions
-    from wrinklecli.review.suggest.touches import SuggestedTouch
+    from wrinklecli.review.suggest.text import Entry
 
 
 _WIDEST = 60  # characters of a column
@@ -181,16 +178,20 @@ def _json(asset: str, found: "Suggestions") -> dict[str, Any]:
         "dropped": [{"name": each.name, "reason": each.reason, "value": _short(each.value)} for each in found.dropped],
         "tools": [_json_tool(each) for each in found.tools],
         "fields": [_json_field(each) for each in found.fields],
-        **({"muscles": [_json_muscle(each) for each in found.muscles]} if found.muscles else {}),
-        **({"flesh": [_json_region(each) for each in found.flesh]} if found.flesh else {}),
-        **({"touches": [_json_touch(each) for each in found.touches]} if found.touches else {}),
+        **({found.guesses[0].effect.section: [_json_guess(each) for each in found.guesses]} if found.guesses else {}),
     }
 
 
+def _json_guess(each: "Entry") -> dict[str, Any]:
+    facts = {name: fact if isinstance(fact, str) else _short(fact) for name, fact in each.facts.items()}
+    return {**each.values, **facts}
+
+
 def _json_tool(each: "Suggestion") -> dict[str, Any]:
-    from wrinklecli.review.suggest.draft import written_length
+    from wrinklecli.tools.records import written_keys
 
     tool = each.tool
+    written = written_keys(tool, shown=("max_height", "rest_length"))
     return {
         "name": tool.name,
         "node": tool.node,
@@ -202,9 +203,9 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "material": tool.material or "none",
         "strategy": tool.strategy,
         "bumps": tool.bumps,
-        "max_height": "auto" if tool.max_height == "auto" else written_length(tool.max_height),
+        "max_height": written["max_height"],
         "compressible": f"{100 * tool.compressible:.0f}%",
-        "rest_length": written_length(tool.rest_length),
+        "rest_length": written["rest_length"],
         "contact": "resolve" if tool.contact else "off",
         "mesh": each.mesh,
         "place": each.words_of_both,
@@ -254,56 +255,6 @@ def _json_field(each: "SuggestedField") -> dict[str, Any]:
     }
 
 
-def _json_muscle(each: "SuggestedMuscle") -> dict[str, Any]:
-    muscle = each.muscle
-    thickness = muscle.thickness
-    return {
-        "name": muscle.name,
-        "node": muscle.node,
-        "origin": {"joint": each.joints[0], "offset": each.offsets[0]},
-        "insertion": {"joint": each.joints[1], "offset": each.offsets[1]},
-        "thickness": None if thickness == "auto" else thickness.value,
-        "mirror": "x" if each.mirrored else "none",
-        "bone": each.bone,
-        "depth": _short(each.depth),
-        "clip": each.move.clip,
-        "time": _short(each.move.time),
-        "shortening": _short(each.move.shortening),
-        "height": _short(each.move.height),
-    }
-
-
-def _json_region(each: "SuggestedFlesh") -> dict[str, Any]:
-    region = each.region
-    return {
-        "name": region.name,
-        "node": region.node,
-        "at": region.at,
-        "radius": region.radius,
-        "mirror": "x" if each.mirrored else "none",
-        "frequency": region.frequency,
-        "depth": _short(each.depth),
-        "clip": each.move.clip,
-        "time": _short(each.move.time),
-        "height": _short(each.move.height),
-    }
-
-
-def _json_touch(each: "SuggestedTouch") -> dict[str, Any]:
-    touch = each.touch
-    assert touch.by is not None
-    return {
-        "name": touch.name,
-        "node": touch.node,
-        "at": touch.at,
-        "pad": touch.pad,
-        "by": {"joint": touch.by.joint, "offset": touch.by.offset},
-        "clip": each.clip,
-        "time": _short(each.time),
-        "slide": _short(each.slide),
-    }
-
-
 def _short(value: float) -> float:
     """Round a measured number to the digits of float32."""
     from wrinklecli.numeric.arrays import significant
@@ -331,41 +282,17 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         yield [["field", "mesh", "clip", "at", "keep", "height", "wavelength", "targets", "on a GPU"], *fields], 6
     if found.tools:
         yield _tool_rows(found.tools), 5
-    muscles = [
-        [
-            _sided(each.muscle.name, each.mirrored),
-            each.bone,
-            *_moment(each.move),
-            f"{100 * each.move.shortening:.0f} %",
-            f"{each.move.height:.2g}",
-        ]
-        for each in found.muscles
-    ]
-    regions = [
-        [
-            _sided(each.region.name, each.mirrored),
-            *_moment(each.move),
-            f"{each.region.frequency:g} Hz",
-            f"{each.region.radius:.3g}",
-            f"{each.move.height:.2g}",
-        ]
-        for each in found.flesh
-    ]
-    touches = [
-        [each.touch.name, each.touch.by.joint, each.clip, f"{each.time:.2f} s", f"{each.slide:.3g}"]
-        for each in found.touches
-        if each.touch.by is not None
-    ]
-    if muscles:
-        yield [["muscle", "along", "clip", "at", "shortens", "moves by"], *muscles], 3
-    if regions:
-        yield [["region of flesh", "clip", "at", "swings at", "radius", "moves by"], *regions], 4
-    if touches:
-        yield [["touch", "by", "clip", "from", "slides by"], *touches], 2
+    if found.guesses:
+        # A muscle that no clip moves has fewer facts.
+        names = dict.fromkeys(name for each in found.guesses for name in each.facts)
+        rows = [[_cell(each.facts.get(name, "")) for name in names] for each in found.guesses]
+        named = [_sided(each.effect.name, each.mirrored) for each in found.guesses]
+        heading = [found.guesses[0].effect.words[0], *names]
+        yield [heading, *([name, *row] for name, row in zip(named, rows, strict=True))], 1
 
 
-def _moment(move: "Move") -> tuple[str, str]:
-    return move.clip, f"{move.time:.2f} s" if move.clip else ""
+def _cell(fact: float | str) -> str:
+    return fact if isinstance(fact, str) else f"{fact:.3g}"
 
 
 def _sided(name: str, mirrored: bool) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit
-from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.suggest import Suggestions
 from wrinklecli.tools.json_schema import defaults_of
-from wrinklecli.tools.records import WrinkleTool
+from wrinklecli.tools.materials import presets
+from wrinklecli.tools.records import WrinkleTool, usual_effect, written_keys
 from wrinklecli.tools.yaml_edit import ToolsText
 
 _SAME_WAY = 0.8  # cosine of the directions of two tools from which they make the same folds; crossing ones are two
@@ -50,18 +50,9 @@ class Proposal:
 
 def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
     """The keys of a tool from `suggest.placed`, without its name and its ends."""
-    values: dict[str, Any] = {"width": tool.width.value}
-    if tool.material is not None:
-        values["material"] = tool.material
-    if tool.material is not None or tool.bumps != WrinkleTool.__dataclass_fields__["bumps"].default:
-        values["bumps"] = tool.bumps
-    if tool.max_height not in ("auto", None):
-        values["max_height"] = written_length(tool.max_height)
-    if tool.compressible or tool.material is not None:
-        values["compressible"] = f"{100.0 * tool.compressible:.0f}%"
-    if tool.rest_length != "auto":
-        values["rest_length"] = written_length(tool.rest_length)
-    return values
+    shown = () if tool.material is None else ("material", "bumps", "compressible")
+    values = written_keys(tool, usual_effect(tool, presets()), shown)
+    return {key: value for key, value in values.items() if key not in ("name", "origin", "target")}
 
 
 def proposals_of(found: Suggestions) -> list[Proposal]:

@@ -149,7 +149,7 @@ def keys_of(record: type) -> dict[str, Schema]:
     """The schemas of a record's keys, each with its group of controls."""
     found: dict[str, Schema] = {}
     group: Schema = {}
-    for each in _fields(record):
+    for each in key_fields(record):
         group = {"group": each.metadata["group"]} if each.metadata["group"] else group
         found[each.metadata["name"] or each.name] = {**each.metadata["schema"], **group}
     return found
@@ -158,7 +158,7 @@ def keys_of(record: type) -> dict[str, Schema]:
 @functools.cache
 def readers_of(record: type) -> Mapping[str, Reader]:
     """The functions that turn the values of a record's keys into the values of its fields."""
-    return {each.metadata["name"] or each.name: each.metadata["read"] for each in _fields(record)}
+    return {each.metadata["name"] or each.name: each.metadata["read"] for each in key_fields(record)}
 
 
 def defaults_of(record: type) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def defaults_of(record: type) -> dict[str, Any]:
 
 def schema_of(record: type) -> Schema:
     """A mapping of a record's keys; those of fields without a default are required."""
-    required = (each for each in _fields(record) if each.default is MISSING and each.default_factory is MISSING)
+    required = (each for each in key_fields(record) if default_of(each) is MISSING)
     return mapping_of(keys_of(record), required=tuple(each.metadata["name"] or each.name for each in required))
 
 
@@ -178,7 +178,13 @@ def read_record(record: type[_Record], values: Mapping[str, Any]) -> _Record:
     return record(**{name: readers[name](value) for name, value in values.items()})
 
 
-def _fields(record: type) -> Iterator[Field[Any]]:
+def default_of(field: Field[Any]) -> Any:
+    """The default of a record's field; MISSING if it has to be given."""
+    return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+def key_fields(record: type) -> Iterator[Field[Any]]:
+    """The fields of a record that keys of a file give."""
     return (each for each in fields(record) if "schema" in each.metadata)
 
 

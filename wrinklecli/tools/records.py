@@ -7,7 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import MISSING, field, is_dataclass, replace
 from typing import Any, ClassVar, Literal, Self, TypeAlias, get_args
 
 from wrinklecli.choices import (
@@ -38,10 +38,12 @@ from wrinklecli.tools.json_schema import (
     TEXT,
     Schema,
     any_keys,
+    default_of,
     defaults_of,
     expects,
     if_mapping,
     key,
+    key_fields,
     key_of,
     keys_of,
     list_of,
@@ -764,6 +766,44 @@ def with_axes(record: type, values: Mapping[str, Any], up: str) -> dict[str, Any
     if up == "z" and turned.get("mirror") in ("y", "z"):
         turned["mirror"] = {"y": "z", "z": "y"}[turned["mirror"]]
     return turned
+
+
+def written_keys(record: Any, usual: Any = None, shown: Collection[str] = ()) -> dict[str, Any]:
+    """The keys of a record as a file writes them.
+
+    Args:
+        record: The record.
+        usual: Values that the file need not have are those of this record; by default those of the keys.
+        shown: Keys that are written in any case, if they have a value.
+    """
+    found = {}
+    for each in key_fields(type(record)):
+        name, value = each.metadata["name"] or each.name, getattr(record, each.name)
+        default = default_of(each)
+        known = default if usual is None or default is MISSING else getattr(usual, each.name)
+        if value != known or (name in shown and value is not None):
+            percentage = isinstance(value, float) and "string" in each.metadata["schema"].get("type", "")
+            found[name] = f"{100.0 * value:.12g}%" if percentage else _written(value)
+    return found
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, Length):
+        return f"{value.value:.12g}%" if value.percent else value.value
+    if isinstance(value, tuple | list):
+        return [_written(each) for each in value]
+    if is_dataclass(value):
+        return written_keys(value) or "resolve"  # Contact alone may have no key
+    return value
+
+
+def usual_effect(effect: EffectTool, known: Mapping[str, Preset], **defaults: Any) -> EffectTool:
+    """An effect of the same place and material, with the defaults of a file and what `known` materials give."""
+    kind = type(effect)
+    needed = [each.name for each in key_fields(kind) if default_of(each) is MISSING]
+    material = {"material": effect.material} if hasattr(effect, "material") else {}
+    own = {name: getattr(effect, name) for name in needed}
+    return kind(**kind.fields_of({**own, **material, **defaults}, known))
 
 
 # Keys that say where a tool is or in which clips it works, not what wrinkles.

@@ -38,7 +38,8 @@ def written(value: Any) -> str:
         return "null"
     if isinstance(value, str):
         plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS
-        return value if plain else json.dumps(value, ensure_ascii=False)
+        quoted = json.dumps(value, ensure_ascii=False)
+        return value if plain else "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in quoted)
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{written(str(key))}: {written(each)}" for key, each in value.items()) + "}"
     if isinstance(value, Sequence):

@@ -1,6 +1,5 @@
 """The tool of a candidate, in the numbers that are written: its name, size and bumps, and its twin across x = 0."""
 
-import json
 import math
 import re
 from collections.abc import Collection
@@ -10,10 +9,11 @@ import numpy as np
 
 from wrinklecli.choices import Part
 from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.text import SLACK
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, preset_for
 from wrinklecli.tools.mirror import split_side
-from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import Length, WrinkleTool
 
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
 _WIDTH_OF_REGION = 1.4
@@ -22,11 +22,6 @@ _WIDTH_ACROSS = 1.15
 # The same for one on a trunk: wrinkles fade where its flanks turn away, and a narrower tool would end before them.
 _WIDTH_OF_TRUNK = 2.2
 _TRUNK: tuple[Part, ...] = ("hips", "spine", "chest", "neck")
-# Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
-# stored pose, and 1 % is visible.
-SLACK = 5
-
-
 # Words of morph targets that raise a forehead.
 _BROWS = re.compile(r"brow|forehead", re.IGNORECASE)
 
@@ -83,13 +78,6 @@ def across_x(tool: WrinkleTool, name: str) -> WrinkleTool:
     """A tool's mirror image across x = 0."""
     origin, *between, target = ((0.0 - x, y, z) for x, y, z in map(place_of, tool.points))
     return replace(tool, name=name, origin=origin, between=tuple(between), target=target)
-
-
-def written_length(length: object) -> str:
-    """A rest length of a suggested tool, as YAML."""
-    if isinstance(length, RestLengthMorph):
-        return f"{{morph: {json.dumps(length.morph)}, full: {length.full.value:g}%}}"
-    return f"{length.value:g}%" if isinstance(length, Length) else "auto"
 
 
 def place_of(anchor: object) -> tuple[float, float, float]:

@@ -16,10 +16,10 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
-from wrinklecli.review.suggest.draft import SLACK, across_x, pair_of, renamed, stem_and_side, tool_of, width_of
+from wrinklecli.review.suggest.draft import across_x, decimals, pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
-from wrinklecli.review.suggest.score import Score
+from wrinklecli.review.suggest.score import Score, left_out_without_all
 from wrinklecli.review.suggest.shortening import (
     Shortening,
     attached,
@@ -28,6 +28,7 @@ from wrinklecli.review.suggest.shortening import (
     shortenings_of,
     with_rising_bumps,
 )
+from wrinklecli.review.suggest.text import SLACK, Entry
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
@@ -36,7 +37,7 @@ from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import WrinkleTool
+from wrinklecli.tools.records import RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
 # Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
@@ -150,6 +151,35 @@ class Suggestion:
         names = sorted({self.driver, exchange_sides(self.driver)}) if len(sides) == 2 else [self.driver]
         what = f"{'morph target' if self.by_morph else 'joint'}{'s' * (len(names) == 2)}"
         return f"{what} {' and '.join(printable(name, 90) for name in names)}"
+
+    @property
+    def entry(self) -> Entry:
+        """The tool as the file has it."""
+        digits, words = decimals(self.span), self.words
+        shortens = (
+            f"shortens by {100 * self.shortening:.0f} %, from {self.span:.{digits}f} to"
+            f" {self.clips[self.clip]:.{digits}f}, in clip {printable(self.clip, 90)} at {self.time:.2f} s"
+        )
+        if isinstance(self.tool.rest_length, RestLengthMorph):
+            shortens = "its weight makes the wrinkles, as the skin in the middle hardly shortens"
+        remarks = [f"{words[0].upper()}{words[1:]}: {shortens}"]
+        if self.gpu_bytes:
+            remarks.append(f"Up to {self.height:.2g} high, {self.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split")
+        if self.substance is not None:
+            remarks.append(self.substance.words)
+        remarks += left_out_without_all(self.judgement, self.fault)
+        if self.crossings and self.tool.contact:
+            remarks.append(
+                "Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"
+            )
+        elif self.crossings:
+            remarks.append(
+                "Folded, it passes through itself; contact: resolve mends that: pip install 'wrinklecli[contact]'"
+            )
+        if self.one_sided:
+            twin = exchange_sides(self.tool.name)
+            remarks.append(f"{twin}, which mirror makes, is there for other clips: none here raises it")
+        return Entry(self.tool, self.mirrored, remarks, known=self.presets)
 
     @property
     def next(self) -> "Suggestion | None":

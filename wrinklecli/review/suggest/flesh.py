@@ -5,7 +5,6 @@ known by landmarks that all bodies have: hips, knees, neck and crown. From betwe
 and there is a region if its way is long enough for the body's size.
 """
 
-import os
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
@@ -17,19 +16,17 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import read_hierarchy
 from wrinklecli.choices import Part
-from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along
-from wrinklecli.review.suggest.moves import STILL, Move, greatest_moves, move_of
-from wrinklecli.review.suggest.text import entry, quoted
+from wrinklecli.review.suggest.guesses import Guess, entries_of
+from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Flesh
 from wrinklecli.tools.records import Length, ToolsFile
-from wrinklecli.tools.yaml_tree import printable
 
 LEAST_VERTICES = 5
 """Least vertices that a region moves: one and the four around it on a grid. Fewer stand out as spikes as they swing."""
@@ -38,8 +35,6 @@ LEAST_VERTICES = 5
 _LIMIT = 8.0
 # Its frequency in hertz.
 _FREQUENCY = 6.0
-# Difference of both sides over the body's size below which a body is symmetric about x = 0.
-_SYMMETRIC = 0.01
 # Least way of a ray over the body's size: a bone that lies on the skin has no flesh.
 _OWN = 1e-6
 
@@ -51,19 +46,17 @@ class _Spot:
     Attributes:
         between: The two landmarks between which its height lies,
         along: and the part of the way from the first one to the second.
-        ray: The direction from there to the skin: forwards, and out to its own side.
+            turn: The direction from there to the skin, degrees from forwards out to its own side.
         depth: Least distance from there to the skin.
         radius: The region's radius.
-        paired: True if there is one on each side.
         over_legs: True if it lies above or below the joint of a leg, False if the ray leaves the middle of the body.
     """
 
     between: tuple[str, str]
     along: float
-    ray: tuple[float, float]
+    turn: float
     depth: float
     radius: float
-    paired: bool = True
     over_legs: bool = True
 
 
@@ -71,34 +64,17 @@ class _Spot:
 # and 0.83, the navel at 0.6, nipples at 0.73, cheeks below the eyes at 0.9. Depths and radii were measured on humans of
 # 1.75 m; lean ones have less than the least depth of a belly or a thigh.
 _SPOTS: Mapping[str, _Spot] = {
-    "belly": _Spot(("hips", "neck"), 0.25, (1, 0), 0.055, 0.075, paired=False, over_legs=False),
-    "chest": _Spot(("hips", "neck"), 0.64, (1, 0), 0.055, 0.045),
-    "buttock": _Spot(("hips", "knees"), 0, (-1, 0), 0.05, 0.055),
-    "thigh": _Spot(("hips", "knees"), 0.3, (-0.8, -0.6), 0.038, 0.05),
-    "cheek": _Spot(("neck", "crown"), 0.4, (0.8, 0.6), 0.035, 0.02, over_legs=False),
+    "belly": _Spot(("hips", "neck"), 0.25, 0, 0.055, 0.075, over_legs=False),
+    "chest": _Spot(("hips", "neck"), 0.64, 0, 0.055, 0.045),
+    "buttock": _Spot(("hips", "knees"), 0, 180, 0.05, 0.055),
+    "thigh": _Spot(("hips", "knees"), 0.3, 217, 0.038, 0.05),
+    "cheek": _Spot(("neck", "crown"), 0.4, 37, 0.035, 0.02, over_legs=False),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class SuggestedFlesh:
-    """A region that is guessed.
-
-    Attributes:
-        region: The region; its side is the left one if `mirrored`.
-        mirrored: True if the other side has the same.
-        depth: Distance from the bone to the skin, scene units.
-        move: What the clips do to it, or to its mirror image if they move that more.
-    """
-
-    region: Flesh
-    mirrored: bool
-    depth: float
-    move: Move = STILL
 
 
 def suggest_flesh(
     document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
-) -> tuple[list[SuggestedFlesh], list[str], str]:
+) -> tuple[list[Entry], list[str], str]:
     """Suggest regions of flesh where the rig names bones, and the skin is thick.
 
     Args:
@@ -112,24 +88,21 @@ def suggest_flesh(
     """
     settings = ToolsFile(path=document.path)
     grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
-    if not grounds:
-        return [], [], "no mesh deforms"
-    frame = _Frame.of(document, grounds)
+    frame = _Frame.of(document, grounds) if grounds else None
     if frame is None:
-        return [], [], "no joints are named as two legs, with a neck or a head above"
+        return [], [], "no joints of a mesh are named as two legs, with a neck or a head above"
     low, high = (f([f(each.rest.positions, axis=0) for each in grounds], axis=0) for f in (np.min, np.max))
     size = float((high - low).max())
     # Meshes that deform, by names that no other node has.
     names = read_hierarchy(document).names
     counts = Counter(names)
     clothes = {names[node] for node in nodes if counts[names[node]] == 1}
-    found: list[SuggestedFlesh] = []
+    found: list[Guess] = []
     notes: list[str] = []
-    kept: list[tuple[Ground, AnyAttached]] = []
     for name, spot in _SPOTS.items():
         ways = {letter: _way(*ray, grounds) for letter, ray in frame.sides(spot).items()}
         thick = max((depth for depth, _, _ in ways.values() if depth < np.inf), default=0.0)
-        if ways and thick < spot.depth * size:
+        if thick < spot.depth * size:
             notes.append(
                 f"{name}: left out, as skin and bone are {thick:.3g} apart; less than {spot.depth * size:.3g} hardly"
                 " swings"
@@ -139,22 +112,15 @@ def suggest_flesh(
             _fitted(f"{name}.{letter}" if letter else name, spot, *way, size, nodes, clothes)
             for letter, way in ways.items()
         ]
-        fitted = [each[0] for each in regions if not isinstance(each, str)]
+        fitted = [each for each in regions if isinstance(each, Guess)]
         notes += [each for each in regions if isinstance(each, str)]
-        if len(fitted) < len(regions) == 2:
-            # Flesh on one side alone looks like a fault.
-            notes += [f"{each.region.name}: left out, as the other side is" for each in fitted]
-            continue
-        kept += [
-            (way[2], each[1]) for way, each in zip(ways.values(), regions, strict=True) if not isinstance(each, str)
-        ]
-        if len(fitted) == 2 and _mirrored(fitted[0], fitted[1], size):
-            found.append(replace(fitted[0], mirrored=True))
-        else:
+        if len(fitted) == len(regions):
             found += fitted
-    moves = greatest_moves(kept, clips, fps=fps)
-    found = [replace(each, move=move_of(each.region.name, moves, mirrored=each.mirrored)) for each in found]
-    return found, notes, "" if found else "nowhere is the skin far enough from the bones, and its mesh fine enough"
+        else:
+            # Flesh on one side alone looks like a fault.
+            notes += [f"{each.effect.name}: left out, as the other side is" for each in fitted]
+    why = "nowhere is the skin far enough from the bones, and its mesh fine enough"
+    return entries_of(found, clips, fps=fps), notes, "" if found else why
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +164,11 @@ class _Frame:
     def sides(self, spot: _Spot) -> dict[str, tuple[Floats, Floats]]:
         """The start and the direction of a spot's ray by the letter of its side; an empty one in the middle."""
         start, end = (self.landmarks[name] for name in spot.between)
-        ahead, outwards = spot.ray
+        ahead, outwards = np.cos(np.radians(spot.turn)), np.sin(np.radians(spot.turn))
         found = {}
-        for letter, sign, leg in zip("LR", (1.0, -1.0), self.hips, strict=True) if spot.paired else [("", 0.0, None)]:
+        for letter, sign, leg in (
+            zip("LR", (1.0, -1.0), self.hips, strict=True) if spot.over_legs or spot.turn else [("", 0.0, None)]
+        ):
             beside = 0.0 if leg is None or not spot.over_legs else (leg @ self.left) * self.left
             way = ahead * self.forwards + sign * outwards * self.left
             found[letter] = start + spot.along * (end - start) + beside, unit(way)
@@ -227,7 +195,7 @@ def _fitted(
     size: float,
     nodes: Mapping[int, str | None],
     clothes: Container[str],
-) -> tuple[SuggestedFlesh, AnyAttached] | str:
+) -> Guess | str:
     """A region where a ray meets the skin, with clothes over it by name, or the line that says why there is none."""
     if not _OWN * size < depth < np.inf:
         return f"{called}: left out, as there is no skin where it would be"
@@ -240,11 +208,11 @@ def _fitted(
         radius=float(f"{spot.radius * size:.3g}"),
         frequency=_FREQUENCY,
         limit=Length(_LIMIT, percent=True),
-        shapes=3,
         where=ground.document.path,
     )
     try:
-        attached = attach_one(region, ground)
+        # Three shapes tell how far it swings.
+        attached = attach_one(replace(region, shapes=3), ground)
     except WrinkleError as error:
         return f"{called}: left out: {error.lines[0].removeprefix(f'{ground.document.path}: ')}"
     moved = 0 if attached.moves is None else int(np.any(attached.moves.deltas, axis=(0, 2)).sum())
@@ -255,39 +223,4 @@ def _fitted(
         )
     # What lies over a face, such as glasses or hair, does not move with it.
     worn = () if "crown" in spot.between else tuple(each for each in attached.covers if each in clothes)
-    return SuggestedFlesh(replace(region, meshes=worn), False, depth), attached
-
-
-def _mirrored(left: SuggestedFlesh, right: SuggestedFlesh, size: float) -> bool:
-    """True if two regions are mirror images about x = 0."""
-    places = [each.region.at for each in (left, right)]
-    apart = np.abs(np.array(places[0]) * [-1.0, 1.0, 1.0] - np.array(places[1])).max()
-    alike = left.region.node == right.region.node and left.region.meshes == right.region.meshes
-    return bool(apart < _SYMMETRIC * size) and alike
-
-
-def flesh_text(regions: Sequence[SuggestedFlesh], document: Document) -> str:
-    """A tools file of suggested regions, which says that they are guesses."""
-    lines = [
-        f"# Flesh for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --flesh` guesses it by the",
-        "# names of bones and the thickness of the body. Look at each in a preview, make it softer (a lower",
-        "# frequency), let it swing further (a higher limit), or delete it.",
-        "version: 1",
-        "",
-        "flesh:",
-    ]
-    for each in regions:
-        region = each.region
-        assert isinstance(region.at, tuple)
-        keys = {
-            "node": None if region.node is None else quoted(region.node),
-            "at": f"[{', '.join(f'{x:.12g}' for x in region.at)}]",
-            "radius": f"{region.radius:.12g}   # a guess: skin and bone are {each.depth:.3g} apart",
-            "mirror": "x" if each.mirrored else None,
-            "frequency": f"{region.frequency:.12g}",
-            "limit": f"{_LIMIT:.12g}%",
-            "meshes": f"[{', '.join(map(quoted, region.meshes))}]   # over it" if region.meshes else None,
-        }
-        lines += [f"  # {each.move.moment}: moves by {each.move.height:.2g}"] if each.move.clip else []
-        lines += entry(region.name, keys)
-    return "\n".join(lines) + "\n"
+    return Guess(replace(region, meshes=worn), ground, attached, place[None], {"depth": depth})

@@ -3,7 +3,7 @@
 A field lies on cloth alone, and the joints of the trunk and of limbs fold it: collars, gloves and shoes fold otherwise.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -26,19 +26,18 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, diagonal
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
-from wrinklecli.review.suggest.draft import written_length
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.score import Score, mean_of
+from wrinklecli.review.suggest.score import Score, left_out_without_all, mean_of
 from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.review.suggest.text import entry, left_out_without_all, quoted
+from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import MOST_LEVELS, TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, frames_of, look_in
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
-from wrinklecli.tools.fields import OF_MATERIALS, Field
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.mirror import exchange_sides, numbered
-from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, ToolsFile, parse_length
+from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
@@ -59,8 +58,6 @@ _OF_FIELDS = 0.9
 _WIDEST = 1.5
 # Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
 _MOSTLY = 0.5
-# Characters of a line of a list.
-_LONGEST = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +91,17 @@ class SuggestedField:
     own_bytes: int
     levels: int
     judgement: Score
+
+    @property
+    def entry(self) -> Entry:
+        """The field as the file has it."""
+        remarks = [
+            f"{self.why}: folds are {self.wavelength:.3g} from crest to crest, and up to {self.height:.2g} high in clip"
+            f" {printable(self.clip, 50)} at {self.time:.2f} s",
+            f"{counted(self.targets, 'morph target')}, {self.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split",
+            *left_out_without_all(self.judgement),
+        ]
+        return Entry(self.field, remarks=remarks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,41 +351,3 @@ def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> Suggeste
         levels=plan.fine.subdivision.levels,
         judgement=Score.of(mean_of([each.score.merits for each in raised])),
     )
-
-
-def written_fields(fields: Sequence[SuggestedField]) -> list[str]:
-    """The lines of the key `fields`; none without fields."""
-    if not fields:
-        return []
-    lines = [
-        "# A field wrinkles a garment wherever its joints compress it, across the direction in which they do. Try",
-        "# another wavelength, strength or slack.",
-        "fields:",
-    ]
-    for each in fields:
-        field = each.field
-        usual = parse_length(OF_MATERIALS[field.material]["wavelength"])
-        keys = {
-            "node": None if field.node is None else quoted(field.node),
-            "substance": field.substance and f"[{', '.join(field.substance)}]",
-            "material": field.material,
-            "joints": None if field.joints == "all" else _in_lines(map(quoted, field.joints)),
-            "wavelength": None if field.wavelength == usual else written_length(field.wavelength),
-        }
-        lines += [
-            f"  # {each.why}: folds are {each.wavelength:.3g} from crest to crest, and up to {each.height:.2g} high in"
-            f" clip {printable(each.clip, 50)} at {each.time:.2f} s",
-            f"  # {counted(each.targets, 'morph target')}, {each.gpu_bytes / 1e6:.1f} MB on a GPU after bake --split",
-            *left_out_without_all(each.judgement),
-            *entry(field.name, keys),
-            "",
-        ]
-    return lines
-
-
-def _in_lines(items: Iterable[str]) -> str:
-    """A list in YAML, in lines that fit."""
-    lines = [""]
-    for each in items:
-        lines = [*lines[:-1], f"{lines[-1]}{each}, "] if len(lines[-1] + each) < _LONGEST else [*lines, f"{each}, "]
-    return f"[{(chr(10) + 14 * ' ').join(line.rstrip() for line in lines).rstrip(',')}]"

@@ -101,6 +101,12 @@ class Score:
         return REASONS[self.worst][0], getattr(self.merits, self.worst)
 
 
+def left_out_without_all(judgement: Score | None, fault: str = "") -> list[str]:
+    """A remark that says why a suggestion is there with `--all` alone; none if it is there without."""
+    why = fault or (judgement.sentence if judgement and not judgement.is_kept else "")
+    return [f"Left out without --all: {why}"] if why else []
+
+
 @cache
 def _fitted() -> dict[str, Any]:
     """The weights by merit, the bias, and the mean logarithms of the merits of places that artists keep."""

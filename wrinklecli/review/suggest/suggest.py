@@ -22,19 +22,18 @@ from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
 from wrinklecli.review.suggest.choice import choose_candidates, folding, joined_expressions
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
-from wrinklecli.review.suggest.flesh import SuggestedFlesh, flesh_text, suggest_flesh
+from wrinklecli.review.suggest.flesh import suggest_flesh
 from wrinklecli.review.suggest.garments import (
     SuggestedField,
     beside_garments,
     find_garments,
     suggest_fields,
-    written_fields,
 )
 from wrinklecli.review.suggest.measure import find_mesh_nodes, measure_meshes
-from wrinklecli.review.suggest.muscles import SuggestedMuscle, muscles_text, suggest_muscles
+from wrinklecli.review.suggest.muscles import suggest_muscles
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
-from wrinklecli.review.suggest.text import refuse_unwritable, tools_text
-from wrinklecli.review.suggest.touches import SuggestedTouch, suggest_touches, touches_text
+from wrinklecli.review.suggest.text import Entry, file_text, refuse_unwritable
+from wrinklecli.review.suggest.touches import refinement_for, suggest_touches
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
 from wrinklecli.surface.substance import is_rigid
@@ -56,9 +55,7 @@ class Suggestions:
         inputs: All files that were read, and the asset's images.
         dropped: Fields and tools that are left out, each with the reason.
         fields: A field for each garment.
-        muscles: With the option `muscles`, the muscles in place of tools.
-        flesh: With the option `flesh`, the regions in place of tools.
-        touches: With the option `touch`, the touches in place of tools.
+        guesses: With the option `muscles`, `flesh` or `touch`, such effects in place of tools.
     """
 
     tools: tuple[Suggestion, ...]
@@ -68,9 +65,7 @@ class Suggestions:
     inputs: tuple[str, ...]
     dropped: tuple[Dropped, ...] = ()
     fields: tuple[SuggestedField, ...] = ()
-    muscles: tuple[SuggestedMuscle, ...] = ()
-    flesh: tuple[SuggestedFlesh, ...] = ()
-    touches: tuple[SuggestedTouch, ...] = ()
+    guesses: tuple[Entry, ...] = ()
 
 
 def suggest(
@@ -139,28 +134,15 @@ class _Read:
 
 def _below_skin(read: _Read, options: SuggestOptions) -> Suggestions:
     """Suggest muscles, flesh or touches."""
-    joined, nodes, document, fps = read.joined, read.nodes, read.joined.document, options.fps
+    joined, nodes, document = read.joined, read.nodes, read.joined.document
     played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
-    muscles, flesh, touches = list[SuggestedMuscle](), list[SuggestedFlesh](), list[SuggestedTouch]()
-    if options.touch:
-        touches, left_out, reason = suggest_touches(document, nodes, options.clips, fps, options.count)
-        text = touches_text(touches, document) if touches else ""
-    elif options.flesh:
-        flesh, left_out, reason = suggest_flesh(document, nodes, played, fps=fps)
-        text = flesh_text(flesh, document) if flesh else ""
-    else:
-        muscles, left_out, reason = suggest_muscles(document, nodes, played, fps=fps)
-        text = muscles_text(muscles, document) if muscles else ""
-    return Suggestions(
-        (),
-        text,
-        reason,
-        (*read.notes, *left_out),
-        (*files_of(document), *joined.beside),
-        muscles=tuple(muscles),
-        flesh=tuple(flesh),
-        touches=tuple(touches),
-    )
+    below = suggest_touches if options.touch else suggest_flesh if options.flesh else suggest_muscles
+    found, left_out, reason = below(document, nodes, played, fps=options.fps)
+    found = found[: options.count]
+    refinement = refinement_for(found, document) if found and options.touch else RefinementSettings()
+    text = file_text(found, document.path, refinement) if found else ""
+    inputs = (*files_of(document), *joined.beside)
+    return Suggestions((), text, reason, (*read.notes, *left_out), inputs, guesses=tuple(found))
 
 
 def _of_face(read: _Read, options: SuggestOptions, progress: Progress) -> Suggestions:
@@ -260,11 +242,10 @@ def _written(
     `beside` are files that were read besides the asset's, `presets` those of presets as the text names them.
     """
     text = ""
-    if found.tools or fields:
-        text = tools_text(
-            found.tools, os.path.basename(document.path), found.refinement, presets, written_fields(fields)
-        )
-        refuse_unwritable(text, document, found.tools, [each.field for each in fields])
+    entries = [*(each.entry for each in fields), *(each.entry for each in found.tools)]
+    if entries:
+        text = file_text(entries, document.path, found.refinement, presets)
+        refuse_unwritable(text, document, entries)
         reason = ""
     elif found.dropped:
         reason = "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand"

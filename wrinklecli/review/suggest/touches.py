@@ -5,7 +5,6 @@ skin decides which side of it touches. The tip, its place and its slide are meas
 are guesses, and the file says so.
 """
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -15,7 +14,7 @@ import numpy as np
 from wrinklecli.baking.job import BakeOptions, job_of
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.bones import Bones, read_bones
-from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.moved import Motions
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
@@ -23,11 +22,10 @@ from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
-from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.numeric.closest import closest_point
-from wrinklecli.review.suggest.text import entry, quoted, written_refinement
+from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Touch, TouchWrinkles
 from wrinklecli.tools.records import JointPoint, Length, RefinementSettings, ToolsFile
@@ -58,23 +56,6 @@ _MOST_LEVELS = 8
 _BY_HAND = "a touch may name any node in `by`, or key its slide in `keys`, and `wrinkle edit` draws one with two clicks"
 # Digits of a length over the body's size: a tenth of a millimetre of a human.
 _DIGITS = 4
-
-
-@dataclass(frozen=True, slots=True)
-class SuggestedTouch:
-    """A touch that a clip makes.
-
-    Attributes:
-        touch: The touch.
-        clip: The clip in which its tip slides farthest.
-        time: Seconds of this clip at which the tip comes.
-        slide: Length of the slide there, scene units.
-    """
-
-    touch: Touch
-    clip: str
-    time: float
-    slide: float
 
 
 class _Tip(NamedTuple):
@@ -132,40 +113,35 @@ class _Contact(NamedTuple):
 
 
 def suggest_touches(
-    document: Document, nodes: Mapping[int, str | None], clips: Sequence[str], fps: float, count: int
-) -> tuple[list[SuggestedTouch], list[str], str]:
+    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
+) -> tuple[list[Entry], list[str], str]:
     """Suggest touches where clips bring fingertips to skin.
 
     Args:
         document: The asset.
         nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
-        clips: Names of the clips to look at; all if empty.
+        clips: The clips to look at.
         fps: Poses per second; at most 200 of a clip.
-        count: Touches at most, those that slide farthest first.
 
     Returns:
-        The touches, a line for each that does not fit, and why there are none.
-
-    Raises:
-        AssetError: There is no clip of a name.
+        The touches, those that slide farthest first, a line for each that does not fit, and why there are none.
     """
     hierarchy, bones = read_hierarchy(document), read_bones(document)
-    looked_at = chosen_clips(read_clips(document), clips, where=document.path)
-    if not looked_at:
+    if not clips:
         return [], [], f"it has no clip in which a fingertip could come near; {_BY_HAND}"
     settings = ToolsFile(path=document.path)
-    skins = [_Skin.of(read_ground(document, node, [], settings, looked_at)) for node in nodes]
+    skins = [_Skin.of(read_ground(document, node, [], settings, clips)) for node in nodes]
     fingers = _fingers(hierarchy, bones, skins)
     if not fingers:
         return [], [], f"no joints are named as fingers; {_BY_HAND}"
     tips = _tips(fingers, hierarchy, bones, skins)
     if not tips:
         return [], [], f"no mesh has skin at the ends of its fingers; {_BY_HAND}"
-    found: dict[str, SuggestedTouch] = {}
+    found: dict[str, Entry] = {}
     notes: list[str] = []
-    contacts = [_contacts(tips, skins, clip, fps) for clip in looked_at]
+    contacts = [_contacts(tips, skins, clip, fps) for clip in clips]
     for tip, in_clips in zip(tips, zip(*contacts, strict=True), strict=True):
-        own: list[SuggestedTouch] = []
+        own: list[Touch] = []
         for contact in (each for in_clip in in_clips for each in in_clip):
             if any(_is_there(each, contact) for each in own):
                 continue
@@ -174,9 +150,9 @@ def suggest_touches(
             if isinstance(made, str):
                 notes.append(made)
             else:
-                own.append(made)
+                own.append(made.effect)
                 found[name] = made
-    chosen = sorted(found.values(), key=lambda each: -each.slide)[:count]
+    chosen = sorted(found.values(), key=lambda each: -float(each.facts["slide"]))
     return (
         chosen,
         list(dict.fromkeys(notes)),
@@ -199,7 +175,7 @@ def _tips(fingers: Sequence[int], hierarchy: Hierarchy, bones: Bones, skins: Seq
         if node in inner:
             continue
         top = _top_of_arm(node, hierarchy, bones)
-        arm = frozenset(k for k in range(len(hierarchy.parents)) if top in _line(k, hierarchy))
+        arm = frozenset(k for k in range(len(hierarchy.parents)) if top in hierarchy.upwards(k))
         # A joint at the very end of a finger moves no skin.
         ends = (node, int(hierarchy.parents[node]) if int(hierarchy.parents[node]) in fingers else -1)
         made = next((tip for end in ends if end >= 0 and (tip := _tip(node, end, arm, hierarchy, skins))), None)
@@ -207,17 +183,9 @@ def _tips(fingers: Sequence[int], hierarchy: Hierarchy, bones: Bones, skins: Seq
     return found
 
 
-def _line(node: int, hierarchy: Hierarchy) -> list[int]:
-    """A node and those above it."""
-    line = [node]
-    while hierarchy.parents[line[-1]] >= 0:
-        line.append(int(hierarchy.parents[line[-1]]))
-    return line
-
-
 def _top_of_arm(node: int, hierarchy: Hierarchy, bones: Bones) -> int:
     """The innermost bone of the arm of a finger."""
-    line = _line(node, hierarchy)
+    line = [*hierarchy.upwards(node)]
     for part in _ARM:
         named = [each for each in line if bones.parts[each] == part]
         if named:
@@ -304,7 +272,7 @@ def _mover(contact: _Contact) -> int:
     return int(mesh.rig.joints[mesh.acting[int((mesh.skin.influences.at(corners).dense() @ contact.shares).argmax())]])
 
 
-def _free_name(joint: str, taken: "dict[str, SuggestedTouch]") -> str:
+def _free_name(joint: str, taken: Mapping[str, Entry]) -> str:
     """A name for a touch on the skin of a joint."""
     name, number = f"touch {joint}", 1
     while name in taken:
@@ -313,16 +281,16 @@ def _free_name(joint: str, taken: "dict[str, SuggestedTouch]") -> str:
     return name
 
 
-def _is_there(known: SuggestedTouch, contact: _Contact) -> bool:
+def _is_there(known: Touch, contact: _Contact) -> bool:
     """True if a touch of the same tip has the place already."""
     surface, rest = contact.skin.ground.surface, contact.skin.ground.rest
     place = contact.shares @ rest.positions[surface.triangles[contact.triangle]]
-    return float(np.linalg.norm(place - np.array(known.touch.at))) < 2.0 * known.touch.pad
+    return float(np.linalg.norm(place - np.array(known.at))) < 2.0 * known.pad
 
 
 def _fitted(
     name: str, tip: _Tip, contact: _Contact, hierarchy: Hierarchy, nodes: Mapping[int, str | None]
-) -> SuggestedTouch | str:
+) -> Entry | str:
     """The touch of a contact, or the line that says why it does not fit."""
     ground = contact.skin.ground
     digits = _DIGITS - int(np.floor(np.log10(float(np.ptp(ground.rest.positions, axis=0).max()))))
@@ -362,7 +330,11 @@ def _fitted(
         return left_out + "it comes from the side, and stays above the skin"
     # The greatest slide in the clip, scene units.
     slide = max(np.hypot(*rows[:, 1:3].T).max() for rows in drag.drive.strokes_in(ground.rig.own, contact.clip))
-    return SuggestedTouch(touch, contact.clip.name, contact.time, float(slide))
+    does = f"slides the skin by {slide:.3g}" if slide else "presses it"
+    when = f"in clip {printable(contact.clip.name, 90)} at {contact.time:.2f} s"
+    assert touch.by is not None
+    facts = {"by": touch.by.joint, "clip": contact.clip.name, "time": contact.time, "slide": float(slide)}
+    return Entry(touch, remarks=[f"{printable(touch.by.joint, 90)} comes {when}, and {does}"], facts=facts)
 
 
 def _rounded(point: Floats, digits: int) -> tuple[float, float, float]:
@@ -370,47 +342,11 @@ def _rounded(point: Floats, digits: int) -> tuple[float, float, float]:
     return x, y, z
 
 
-def touches_text(touches: Sequence[SuggestedTouch], document: Document) -> str:
-    """A tools file of suggested touches, which says what was measured and what is guessed."""
-    lines = [
-        f"# Touches for {printable(os.path.basename(document.path), 90)}, as `wrinkle suggest --touch` found them:",
-        "# places to which a clip brings a fingertip. Places, tips and times are measured; how far the skin slides",
-        "# (grip) and where the slide ends (reach) are guesses: look at each in a preview, and change or delete it.",
-        "version: 1",
-        "",
-        *written_refinement(_refinement_for(touches, document)),
-        "touches:",
-    ]
-    for each in touches:
-        touch = each.touch
-        assert isinstance(touch.at, tuple)
-        assert touch.by is not None
-        does = f"slides the skin by {each.slide:.3g}" if each.slide else "presses it"
-        when = f"in clip {printable(each.clip, 90)} at {each.time:.2f} s"
-        lines.append(f"  # {printable(touch.by.joint, 90)} comes {when}, and {does}")
-        keys = {
-            "node": None if touch.node is None else quoted(touch.node),
-            "at": _written(touch.at),
-            "pad": f"{touch.pad:.12g}",
-            "reach": f"{_REACH:.12g}%",
-            "grip": f"{touch.grip.value:.12g}%",
-            "press": f"{touch.press.value:.12g}%",
-            "wrinkles": f"{{bumps: {_BUMPS}}}",
-            "by": f"{{joint: {quoted(touch.by.joint)}, offset: {_written(touch.by.offset)}}}",
-        }
-        lines += entry(quoted(touch.name), keys)
-    return "\n".join(lines) + "\n"
-
-
-def _refinement_for(touches: Sequence[SuggestedTouch], document: Document) -> RefinementSettings:
+def refinement_for(touches: Sequence[Entry], document: Document) -> RefinementSettings:
     """The least levels of refinement with which rings have vertices enough."""
     usual = RefinementSettings()
-    own = tuple(each.touch for each in touches)
+    own = tuple(each.effect for each in touches)
     settings = ToolsFile(path=document.path, effects=own, refinement=replace(usual, max_levels=_MOST_LEVELS))
     plans = plan_meshes(job_of(document, settings, BakeOptions(), Motions(range_of_motion=False)))
     levels = max(plan.fine.subdivision.levels for plan in plans)
     return replace(usual, max_levels=max(levels, usual.max_levels))
-
-
-def _written(point: Sequence[float]) -> str:
-    return f"[{', '.join(f'{x:.12g}' for x in point)}]"

@@ -18,7 +18,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.review.suggest.cover import Layers
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.stage import Placement
-from wrinklecli.review.suggest.text import read_suggested, tools_text
+from wrinklecli.review.suggest.text import file_text, read_suggested
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
 from wrinklecli.tools.records import RefinementSettings, ToolsFile
@@ -86,8 +86,8 @@ class Trial:
             AssetError: The asset's lengths are beyond the range of a tools file.
             BakeError: A bake would refuse it.
         """
-        text = tools_text([suggestion], "", presets=["presets.yaml"])
-        settings = read_suggested(text, asset.document, [suggestion])
+        text = file_text([suggestion.entry], presets=["presets.yaml"])
+        settings = read_suggested(text, asset.document, suggestion.presets)
         of_nodes = tools_by_node(asset.document, settings)[0]
         return [cls(*attach_effects(asset.ground(node), of_nodes[node], settings), settings) for node in of_nodes]
 
