@@ -19,15 +19,15 @@ from wrinklecli.surface.strain import along_directions, principal
 # Least rise of a summit above the saddle to a higher one, as a part of its loss: a lower summit is merged.
 _PROMINENCE = 0.3
 # A region ends where the loss falls to this part of its seed's: beyond, flesh bulges and does not fold, ...
-_REGION_LOSS = 0.5
+REGION_LOSS = 0.5
 # ... where the cosine of the surface's normal and the region's falls to this, ...
-_REGION_FACING = 0.25
+REGION_FACING = 0.25
 # ... at this multiple of its length to either side of the seed, ...
 _REGION_ASIDE = 1.3
 # ... or at this multiple of its width ahead of the seed and behind: beyond is a row of folds.
 _REGION_AHEAD = 0.9
 # Least number of sites of a region: fewer say too little.
-_FEWEST_SITES = 4
+FEWEST_SITES = 4
 # Part of the spacing of sites by which one half of a pair may extend beyond x = 0.
 _OVERHANG = 0.5
 # Distance from an axis over the spacing of sites, at most, of members that lie on the axis.
@@ -125,7 +125,7 @@ def grow_region(
         None if too few sites belong to the region.
     """
     grown = _grow(sites, seed, tensors, free, twin)
-    if grown is None or len(grown.members) < _FEWEST_SITES:
+    if grown is None or len(grown.members) < FEWEST_SITES:
         return None
     weights, normal, along = grown.weights, grown.normal, grown.along
     places = sites.positions[grown.members]
@@ -141,7 +141,7 @@ def grow_region(
         along = np.array([1.0, 0.0, 0.0]) if along_x else unit(along * flattened)
         along = unit(along - (along @ normal) * normal)
     sideways = np.cross(normal, along)
-    (low, high), (left, right) = (_extent((places - centre) @ axis, weights) for axis in (along, sideways))
+    (low, high), (left, right) = (extent((places - centre) @ axis, weights) for axis in (along, sideways))
     middle = (low + high) / 2.0 * along * (not along_x) + (left + right) / 2.0 * sideways * (along_x or not on_plane)
     return CompressedRegion(
         members=grown.members,
@@ -170,7 +170,7 @@ def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> 
     """Connect sites to a seed that lose length along its direction, then along their own mean direction."""
     losses, directions = principal(tensors[seed][None], sites.normals[seed][None])
     place, normal, along = sites.positions[seed], sites.normals[seed], directions[0]
-    level = _REGION_LOSS * float(losses[0])
+    level = REGION_LOSS * float(losses[0])
     x = place[0]
     allowed = free
     if twin and abs(x) > sites.radius:
@@ -182,7 +182,7 @@ def _grow(sites: Sites, seed: int, tensors: Floats, free: Bools, twin: bool) -> 
         lost = along_directions(tensors, sites.normals, along)
         across = np.cross(normal, along)
         aside, ahead = (sites.positions - place) @ across, (sites.positions - place) @ along
-        inside = allowed & (lost >= level) & (sites.normals @ normal > _REGION_FACING)
+        inside = allowed & (lost >= level) & (sites.normals @ normal > REGION_FACING)
         inside &= (np.abs(aside) <= most_aside) & (np.abs(ahead) <= most_ahead)
         inside[seed] = True
         members = connected_sites(sites, inside, seed)
@@ -221,9 +221,9 @@ def _is_half(sites: Sites, grown: _GrownSites, centre: Floats, tensors: Floats) 
 
 def _is_even(sites: Sites, grown: _GrownSites, centre: Floats, along: Floats, outward: Floats) -> bool:
     """True if the surface between two halves is even, as a forehead is, without a nose or a gap."""
-    near, far = _extent(np.abs(sites.positions[grown.members, 0]), grown.weights)
+    near, far = extent(np.abs(sites.positions[grown.members, 0]), grown.weights)
     relative = sites.positions - centre * [0.0, 1.0, 1.0]
-    low, high = _extent(relative[grown.members] @ along, grown.weights)
+    low, high = extent(relative[grown.members] @ along, grown.weights)
     ahead = relative @ along
     band = (np.abs(sites.positions[:, 0]) <= near) & (ahead >= low) & (ahead <= high)
     band &= np.abs(relative @ outward) < far
@@ -236,7 +236,7 @@ def _is_even(sites: Sites, grown: _GrownSites, centre: Floats, along: Floats, ou
 def _thickness(sites: Sites, along: Floats, aside: Floats, weights: Floats) -> float:
     """Extent along an axis of the members that lie on the axis; at least two radii, scene units."""
     middle = np.abs(aside) <= _ON_AXIS * sites.spacing
-    low, high = _extent(along[middle], weights[middle])
+    low, high = extent(along[middle], weights[middle])
     return max(high - low + sites.spacing, 2.0 * sites.radius)
 
 
@@ -250,7 +250,7 @@ def connected_sites(sites: Sites, inside: Bools, seed: int) -> Ints:
     return np.sort(chosen[breadth_first_order(graph, start, directed=False, return_predecessors=False)])
 
 
-def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
+def extent(values: Floats, weights: Floats) -> tuple[float, float]:
     """Bounds of the values, without a tail of the weight at either end."""
     low, high = weighted_quantiles(values, weights, np.array([_TAIL, 1.0 - _TAIL]))
     return float(low), float(high)

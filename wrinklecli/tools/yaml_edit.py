@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, TypeAlias
 
+import numpy as np
 import yaml
 
 from wrinklecli.errors import ConfigError
@@ -44,7 +45,8 @@ def written(value: Any) -> str:
         return "{" + ", ".join(f"{written(str(key))}: {written(each)}" for key, each in value.items()) + "}"
     if isinstance(value, Sequence):
         return "[" + ", ".join(map(written, value)) + "]"
-    return repr(value)
+    # In YAML 1.1 a number with an exponent and no point is text.
+    return np.format_float_positional(value, trim="0") if isinstance(value, float) else repr(value)
 
 
 def written_lines(values: Mapping[str, Any]) -> list[str]:

@@ -16,7 +16,7 @@ from wrinklecli.tools.mirror import split_side
 from wrinklecli.tools.records import Length, WrinkleTool
 
 # Width of a tool over its region's: the attenuation falls to half within the region, and to 0 beyond it.
-_WIDTH_OF_REGION = 1.4
+WIDTH_OF_REGION = 1.4
 # The same for a region across x = 0, which is known as a whole and fades by itself.
 _WIDTH_ACROSS = 1.15
 # The same for one on a trunk: wrinkles fade where its flanks turn away, and a narrower tool would end before them.
@@ -68,7 +68,7 @@ def pair_of(candidate: Candidate, stem: str, side: str) -> list[WrinkleTool]:
 
 def width_of(candidate: Candidate) -> float:
     """The usual width of a candidate's tool, scene units."""
-    region, factor = candidate.region, _WIDTH_OF_REGION
+    region, factor = candidate.region, WIDTH_OF_REGION
     if region.on_plane:
         factor = _WIDTH_OF_TRUNK if candidate.part in _TRUNK else _WIDTH_ACROSS
     return min(factor * region.width, candidate.widest)

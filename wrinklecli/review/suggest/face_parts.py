@@ -17,12 +17,12 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import read_surface
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import Bools, Floats, unit
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.review.suggest.choice import rims_of
 from wrinklecli.review.suggest.face_targets import FaceTarget, Side
 from wrinklecli.review.suggest.measure import MeasuredMesh, ground_of
-from wrinklecli.surface.compression import sites_with_twins
+from wrinklecli.surface.compression import extent, sites_with_twins
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.surface.sites import Sites, spread_sites
 from wrinklecli.surface.strain import Gauge, part_of, read_gauge, unscaled_pose
@@ -37,8 +37,6 @@ _AROUND = 0.15
 _STILL, _IDLE = 0.1, 0.01
 # Width of lips and lids over the distance of the eyes: nearly a centimetre of a person.
 _RIM_WIDTH = 0.13
-# Part of a part's weight left out at either end when its extent is measured.
-_TAIL = 0.03
 # Half the width of an eye over the distance of the eyes, if no target moves a lid, ...
 _USUAL_EYE = 0.25
 # ... and that distance over the width of both brows, if nothing tells the eyes.
@@ -256,8 +254,8 @@ def _find_eyes(document: Document, rig: Rig, motion: _Motion, left: Floats) -> _
         one, other = halves
         across = (motion.sites.positions - one.middle) @ unit(one.middle - other.middle)
         areas = np.where(one.weights > 0, motion.sites.areas, 0.0)
-        low, high = weighted_quantiles(across, areas, np.array([_TAIL, 1.0 - _TAIL]))
-        return _Eyes(one.middle, other.middle, float(high - low) / 2.0)
+        low, high = extent(across, areas)
+        return _Eyes(one.middle, other.middle, (high - low) / 2.0)
     nodes = [node for node, part in enumerate(read_bones(document).parts) if part == "eye"]
     if len(nodes) != 2:
         return None
@@ -269,10 +267,8 @@ def _find_eyes(document: Document, rig: Rig, motion: _Motion, left: Floats) -> _
 
 def _eyes_below(brows: _Part, sites: Sites, up: Floats, left: Floats) -> _Eyes:
     """Guess the eyes below brows."""
-    low, high = weighted_quantiles(
-        (sites.positions - brows.middle) @ left, brows.weights, np.array([_TAIL, 1.0 - _TAIL])
-    )
-    size = _EYES_OF_BROWS * float(high - low)
+    low, high = extent((sites.positions - brows.middle) @ left, brows.weights)
+    size = _EYES_OF_BROWS * (high - low)
     middle = brows.middle - _USUAL_BROWS * size * up
     return _Eyes(middle + size / 2.0 * left, middle - size / 2.0 * left, _USUAL_EYE * size)
 

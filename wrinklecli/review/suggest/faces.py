@@ -21,7 +21,6 @@ from wrinklecli.numeric.arrays import (
     Floats,
     significant,
     unit,
-    weighted_quantiles,
 )
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.draft import across_x, tool_of, width_of
@@ -39,23 +38,24 @@ from wrinklecli.review.suggest.face_targets import (
 from wrinklecli.review.suggest.fitted_tools import LEAST_BY_MORPH, Suggestion, suggestion_of
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import attached, attached_and_folded, shortenings_of, with_rising_bumps
-from wrinklecli.surface.compression import CompressedRegion, connected_sites
+from wrinklecli.surface.compression import (
+    FEWEST_SITES,
+    REGION_FACING,
+    REGION_LOSS,
+    CompressedRegion,
+    connected_sites,
+    extent,
+)
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import usual_bumps
 from wrinklecli.tools.records import Length, WrinkleTool
 
-# Part of a summit's loss at which its region ends, as for folds of joints.
-_REGION_LOSS = 0.5
-# Fewest sites of a region: fewer say too little.
-_FEWEST_SITES = 4
 # Highest point of a wrinkle of a face relative to its width: a young one's are low.
 _BUMP_HEIGHT = 0.1
 # Greatest length of a bump over the tool's width: lines are several times as long as they are wide.
 _BUMP_OF_WIDTH = 0.3
-# Part of a region's loss left out at either end when its extent is measured.
-_TAIL = 0.03
 # Poses of the motion of a target, which is even, and of a clip: per second, and at most.
 _POSES, _FPS, _MOST_POSES = 5, 30, 200
 # Factor on the width of a tool that reaches lids or lips, and the part of its least width to which it goes.
@@ -69,8 +69,6 @@ _LONGEST = 0.5
 # Way up over the way aside across a furrow beside the mouth, which runs from the nose down to the mouth's corner,
 # however a mesh stretches there.
 _FURROW = 0.4
-# Least cosine of the normals of a site and a region's summit.
-_FACING = 0.25
 # Least and greatest angle to either side by which crow's feet spread round an eye, radians.
 _SPREAD = np.radians([22.0, 35.0])
 
@@ -215,30 +213,24 @@ def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> Compr
     seed = int(lost.argmax())
     if not lost[seed] > LEAST_BY_MORPH:
         return None
-    normal = sites.normals[seed]
-    inside = (lost >= _REGION_LOSS * lost[seed]) & (sites.normals @ normal > _FACING)
+    inside = (lost >= REGION_LOSS * lost[seed]) & (sites.normals @ sites.normals[seed] > REGION_FACING)
     members = connected_sites(sites, inside, seed)
-    if len(members) < _FEWEST_SITES:
+    if len(members) < FEWEST_SITES:
         return None
     weights = sites.areas[members] * lost[members]
-    places = sites.positions[members]
     normal = unit(weights @ sites.normals[members])
     if not fixed:
         _, (direction,) = principal((weights @ tensors[members] / weights.sum())[None], normal[None])
-    centre = weights @ places / weights.sum()
-    if region.middle:
-        normal = unit(normal - (normal @ face.left) * face.left)
-        centre = centre - ((centre - face.middle) @ face.left) * face.left
-    along = unit(direction - (direction @ normal) * normal)
-    sideways = np.cross(normal, along)
-    (low, high), (left, right) = (_extent((places - centre) @ axis, weights) for axis in (along, sideways))
+    places, counted = sites.positions[members], weights
     if region.middle:
         # The side that is not grown is as large.
-        reach = max(-left, right) if abs(sideways @ face.left) > 0.5 else max(-low, high)
-        if abs(sideways @ face.left) > 0.5:
-            left, right = -reach, reach
-        else:
-            low, high = -reach, reach
+        normal = unit(normal - (normal @ face.left) * face.left)
+        beside = ((places - face.middle) @ face.left)[:, None] * face.left
+        places, counted = np.concatenate([places, places - 2.0 * beside]), np.tile(weights, 2)
+    along = unit(direction - (direction @ normal) * normal)
+    sideways = np.cross(normal, along)
+    centre = counted @ places / counted.sum()
+    (low, high), (left, right) = (extent((places - centre) @ axis, counted) for axis in (along, sideways))
     return CompressedRegion(
         members=members,
         weights=weights,
@@ -259,12 +251,6 @@ def _window(face: Face, region: FaceRegion, sign: float) -> Bools:
     aside = np.abs(aside) if region.middle else aside
     (near, far), (low, high) = COLUMNS[region.column], (HEIGHTS[each] for each in region.between)
     return np.asarray(face.free & (aside >= near) & (aside <= far) & (height >= low) & (height <= high))
-
-
-def _extent(values: Floats, weights: Floats) -> tuple[float, float]:
-    """Bounds of the values, without a tail of the weight at either end."""
-    low, high = weighted_quantiles(values, weights, np.array([_TAIL, 1.0 - _TAIL]))
-    return float(low), float(high)
 
 
 def _round_eye(face: Face, candidate: Candidate, side: Side) -> Candidate:

@@ -3,7 +3,6 @@
 A guesser also measures how far clips compress each place at most.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,13 +12,13 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, significant
 from wrinklecli.numeric.closest import nearest_of
-from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.draft import tool_of, width_of
+from wrinklecli.review.suggest.draft import WIDTH_OF_REGION
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
-from wrinklecli.surface.compression import CompressedRegion, grow_region, triangle_weights
+from wrinklecli.review.suggest.text import SLACK
+from wrinklecli.surface.compression import CompressedRegion, grow_region
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.region import Region
@@ -76,32 +75,30 @@ class ToolGuesser:
         material, and they are full in that pose. If no clip folds the place, the tool has the usual values of its
         material, and is as wide as long.
         """
-        span = float(np.linalg.norm(target - origin))
+        span, mesh = float(np.linalg.norm(target - origin)), self._mesh
         tool = _plain(origin, target, span)
-        probes = attached(self._mesh, [tool])
-        if probes is None:
+        patches = attached(mesh, [tool])
+        if patches is None:
             return tool
-        tool = self._with_material(tool, probes[0].regions[0])
-        if not self._mesh.clips:
+        tool = self._with_material(tool, patches[0].regions[0])
+        if not mesh.clips:
             return tool
-        deepest = greatest(shortenings_of(self._mesh, probes[0]))
+        deepest = greatest(shortenings_of(mesh, patches[0]))
         if not deepest.ratio > _LEAST_SHORTENING:
             return tool
-        region = self._region(probes[0].regions[0].path, deepest)
+        region = self._region(patches[0].regions[0].path, deepest)
         if region is not None:
-            candidate = self._candidate(region, deepest, origin, target)
-            width = float(np.clip(width_of(candidate), _NARROWEST * span, _WIDEST * span))
-            tool = replace(tool_of(candidate, tool.name, width), origin=tool.origin, target=tool.target)
-        patches = attached(self._mesh, [tool])
-        return with_rising_bumps(patches, [shortenings_of(self._mesh, patches[0])])[0] if patches else tool
+            width = float(np.clip(WIDTH_OF_REGION * region.width, _NARROWEST * span, _WIDEST * span))
+            slack = Length(100.0 - SLACK, percent=True)
+            tool = replace(tool, width=Length(significant(width, 2)), rest_length=slack, strategy="everywhere")
+        patches = attached(mesh, [tool])
+        return with_rising_bumps(patches, [shortenings_of(mesh, patches[0])])[0] if patches else tool
 
     def _with_material(self, tool: WrinkleTool, region: Region) -> WrinkleTool:
         """Give a tool the material of the triangles of its region."""
         gauge = self._mesh.gauge
-        areas = np.prod(gauge.flat[:, ::2], axis=1) / 2.0 * np.isin(gauge.numbers, region.members)
-        if not areas.any():
-            return tool
-        material = substance_of(self._makeup, areas / areas.sum()).material
+        areas = gauge.areas * np.isin(gauge.numbers, region.members)
+        material = substance_of(self._makeup, areas / areas.sum()).material if areas.any() else None
         if material is None:
             return tool
         return replace(tool, material=material, **preset(material).fields(readers_of(WrinkleTool)))
@@ -118,25 +115,9 @@ class ToolGuesser:
         free = np.ones(len(sites.positions), bool)
         return grow_region(sites, seed, tensors, free, twin=False, across=False)
 
-    def _candidate(self, region: CompressedRegion, deepest: Shortening, origin: Floats, target: Floats) -> Candidate:
-        mesh, makeup = self._mesh, self._makeup
-        weights = triangle_weights(mesh.sites, region)
-        substance = substance_of(makeup, weights)
-        return Candidate(
-            mesh,
-            region,
-            deepest.clip,
-            deepest.time,
-            origin,
-            target,
-            0.0,
-            substance.material,
-            substance=substance,
-        )
-
 
 def _plain(origin: Floats, target: Floats, span: float) -> WrinkleTool:
     """A tool with these ends and usual values, as wide as long."""
     (a, b, c), (d, e, f) = origin.tolist(), target.tolist()
-    width = round(span, 1 - math.floor(math.log10(span))) if span > 0 else 1.0
-    return WrinkleTool(name="chosen", origin=(a, b, c), target=(d, e, f), width=Length(width))
+    width = Length(significant(span, 2) or 1.0)
+    return WrinkleTool(name="chosen", origin=(a, b, c), target=(d, e, f), width=width)

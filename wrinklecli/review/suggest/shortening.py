@@ -28,9 +28,9 @@ _SPARE = 1
 MOST_COMPRESSIBLE = 95
 # Factor by which bumps grow until `compressible` is no more than that.
 _HIGHER = 1.1
-# Per cent of its rest distance that a tool has at weight 1 of its morph target; the first one that shortens the tool
-# counts. Skin between brows hardly shortens and yet has lines, so the weight makes them.
-_FULL_BY_WEIGHT = (105.0, 110.0, 115.0, 120.0, 130.0)
+# Per cent of its rest distance by which a tool is longer at weight 1 of its morph target: multiples of the first, up to
+# the last. Skin between brows hardly shortens and yet has lines, so the weight makes them.
+_STEP, _LONGER = 5, 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,8 @@ def attached_and_folded(
         morph: A morph target whose weight makes the wrinkles where the skin itself shortens less; empty for none.
         at_once: Let that weight make them wherever there is one.
     """
-    fulls = [RestLengthMorph(morph, Length(full, percent=True)) for full in _FULL_BY_WEIGHT if morph]
+    steps = range(_STEP, _LONGER + 1, _STEP) if morph else ()
+    fulls = [RestLengthMorph(morph, Length(100.0 + step, percent=True)) for step in steps]
     for length in fulls if fulls and at_once else [None, *fulls]:
         patches = attached(mesh, [replace(each, rest_length=length) if length else each for each in tools])
         if patches is None:
