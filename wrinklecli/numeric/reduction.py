@@ -134,19 +134,20 @@ def weighted_basis(fields: Floats, importance: Floats, count: int) -> tuple[Floa
     return weights, shapes
 
 
-def project(fields: Floats, importance: Floats, shapes: Floats, held: Floats | None = None) -> Floats:
+def project(fields: Floats, importance: Floats, shapes: Floats, held: tuple[Floats, Floats] | None = None) -> Floats:
     """(fields, shapes) weights of (shapes, vertices, 3) nearest to (fields, vertices, 3), by their `importance`.
 
-    The squared products of the errors with (fields, vertices, 3) `held` count too, if there are any.
+    With `held`, which are (fields, vertices, 3) and (fields,), squared differences of products with the first from the
+    second count too.
     """
     together = np.einsum("svx,tvx->vst", shapes, shapes)
     normal = np.tensordot(importance, together, axes=1)
     right = np.tensordot(importance[..., None] * fields, shapes, axes=((1, 2), (1, 2)))
     steady = _steadied(normal)
     if held is not None:
-        along = np.tensordot(held, shapes, axes=((1, 2), (1, 2)))
+        along = np.tensordot(held[0], shapes, axes=((1, 2), (1, 2)))
         steady += along[:, :, None] * along[:, None, :]
-        right = right + along * np.sum(held * fields, axis=(1, 2))[:, None]
+        right = right + along * held[1][:, None]
     return np.asarray(np.linalg.solve(steady, right[..., None])[..., 0])
 
 

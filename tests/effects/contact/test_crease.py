@@ -19,7 +19,7 @@ from kit.prepared import prepare
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import MarchedClip, Surface
-from wrinklecli.effects.contact.fitting import fit_poses
+from wrinklecli.effects.contact.fitting import combined, fit_poses
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.hinge import hinge_of
 from wrinklecli.effects.contact.layer import ContactLayer
@@ -48,7 +48,7 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
 
     solved = [found(8), found(11)]
     weights, shapes, crossing = fit_poses(solved, share=0.35, most=8)
-    lost = [each.volume_loss(np.tensordot(row, shapes, axes=1)) for each, row in zip(solved, weights, strict=True)]
+    lost = [abs(each.volume_change(combined(row, shapes))) for each, row in zip(solved, weights, strict=True)]
     assert len(shapes) == 2
     assert crossing == 0
     assert max(lost) < 0.01

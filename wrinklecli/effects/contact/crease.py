@@ -232,10 +232,10 @@ class Crease(Surface):
                 weights[frame], crosses = fit_pose(found, self.shapes)
             moved = combined(weights[frame], self.shapes)
             error = max(error, found.greatest_error(moved))
-            loss = found.volume_loss(moved)
+            loss = abs(found.volume_change(moved))
             lost = max(lost, loss)
             # A fit may take no more volume away than it may, and than the solution does.
-            if loss > max(MOST_LOST, found.volume_loss(found.moved)):
+            if loss > max(MOST_LOST, abs(found.volume_change(found.moved))):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)

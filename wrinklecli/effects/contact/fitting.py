@@ -44,7 +44,7 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: in
     """
     bound = share * max(each.greatest_move for each in solved)
     # No shapes give back the volume that contact itself takes away.
-    allowed = max(MOST_LOST, *(each.volume_loss(each.moved) for each in solved))
+    allowed = max(MOST_LOST, *(abs(each.volume_change(each.moved)) for each in solved))
     most = min(most, len(solved))
     enough, found, known = most, None, _Known.of(solved)
     fewest = min(fewest, most)
@@ -111,7 +111,7 @@ def _fitted(
         best = min((crossings for crossings, *_ in tries), default=len(every) if last else 0)
         if len(crossing) <= best and not wrong:
             crossing |= _crossing(solved, made, np.setdiff1d(every, suspects))
-            lost = max(each.volume_loss(moved) for each, moved in zip(solved, made, strict=True))
+            lost = max(abs(each.volume_change(moved)) for each, moved in zip(solved, made, strict=True))
             if not crossing and lost <= allowed:
                 return weights, shapes, 0
             if last:
@@ -157,12 +157,13 @@ def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
         (shapes,) weights that leave the fewest crossings, and True if crossings remain.
     """
     shares, wanted = found.error_weights.copy(), found.moved
-    held = found.volume_gradient / _UNIT_LOSS
+    gradient, kept = found.held_volume
     tries: list[tuple[int, Floats]] = []
     for number in range(_TRIES):
         # Nothing may cross, even if that takes volume away: this counts less with each try.
-        along = np.sqrt(shares.sum()) / _MORE**number * held
-        (weights,) = np.clip(project(wanted[None], shares[None], shapes, along[None]), -MOST_WEIGHT, MOST_WEIGHT)
+        factor = np.sqrt(shares.sum()) / _MORE**number / _UNIT_LOSS
+        held = factor * gradient[None], np.array([factor * kept])
+        (weights,) = np.clip(project(wanted[None], shares[None], shapes, held), -MOST_WEIGHT, MOST_WEIGHT)
         moved = combined(weights, shapes)
         marked = found.crossing(moved)
         if not marked.any():

@@ -122,17 +122,21 @@ class Solution:
         marked = self.tissue.crossing(self.positions_under(moved))
         return marked[free_rows(self.tissue)] & ~self._own_crossings if marked.any() else np.zeros(len(moved), bool)
 
-    def volume_loss(self, moved: Floats) -> float:
-        """Volume that another move takes away, relative to that of a limb as long as it is thick."""
-        change = self.tissue.pieces.volume_change(self.positions_under(moved), self.positions)
-        return abs(change) / _VOLUME
+    def volume_change(self, moved: Floats) -> float:
+        """Volume that another move adds, relative to that of a limb as long as it is thick."""
+        return self.tissue.pieces.volume_change(self.positions_under(moved), self.positions) / _VOLUME
 
     @cached_property
-    def volume_gradient(self) -> Floats:
-        """(free, 3) change of the volume, as `volume_loss` measures it, with the solution's move, in solver's units."""
+    def held_volume(self) -> tuple[Floats, float]:
+        """(free, 3) change of the volume with the solution's move, and its product with moves that change no volume.
+
+        Both are for moves in solver's units. A solution changes some volume itself: a whole limb that gives way by a
+        tenth of a unit loses as much as a small bulge of five units has, which must not stand for it.
+        """
         pushed = np.sum(self.tissue.pieces.gradients(self.positions_under(self.moved)), axis=0)
         scale = np.sqrt(np.mean(np.sum(self.matrices**2, axis=(1, 2))) / 3.0)
-        return np.asarray(np.einsum("vij,vi->vj", self.matrices, pushed[free_rows(self.tissue)]) / (scale * _VOLUME))
+        gradient = np.einsum("vij,vi->vj", self.matrices, pushed[free_rows(self.tissue)]) / (scale * _VOLUME)
+        return gradient, float(np.sum(gradient * self.moved)) - self.volume_change(self.moved) / scale
 
     def opened(self, moved: Floats) -> Floats:
         """(free, 3) the solution's move, opened further where another move opens it; the fold hides small gaps."""
