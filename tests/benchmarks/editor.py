@@ -26,7 +26,7 @@ import viser  # noqa: E402
 from websockets.sync.client import ClientConnection, connect  # noqa: E402
 
 from kit.limb import limb  # noqa: E402
-from wrinklecli.editor.baked_file import bake_saved  # noqa: E402
+from wrinklecli.editor.baked_file import SavedBake  # noqa: E402
 from wrinklecli.editor.page.page import Page  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 from wrinklecli.numeric.guard import guarded  # noqa: E402
@@ -139,10 +139,10 @@ def felt_flesh(folder: Path, edits: int = 20) -> Felt:
             clock[what], processor[what] = _medians(job, edits)
             page.commit()
     session.save()
-    bake_saved(session)
+    SavedBake.of(session, str(folder / "cache")).run()
     session.set_value("soft", ("frequency",), 7.5)
     session.save()
-    clock["again"], processor["again"] = _medians(lambda _: bake_saved(session), 1)
+    clock["again"], processor["again"] = _medians(lambda _: SavedBake.of(session, str(folder / "cache")).run(), 1)
     tab.close()
     page.close()
     (shown,) = session.meshes(clip, float(times[0]))

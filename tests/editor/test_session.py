@@ -1,9 +1,12 @@
 """A session of the editor, without a page: what it shows is what a bake writes, and every step can be undone."""
 
 import json
+import multiprocessing
 import os
 from dataclasses import replace
 from pathlib import Path
+from queue import Queue
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -17,16 +20,18 @@ from kit.fields import sleeve, sleeve_and_field
 from kit.flesh import body
 from kit.folds import knees
 from kit.limb import RADIUS, limb, limb_asset, sleeved_limb
+from kit.work import PATIENCE
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.posing import with_pose
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.asset import ReadOptions
-from wrinklecli.editor.baked_file import bake_saved
+from wrinklecli.editor.baked_file import BakedFile, RunningBake, SavedBake
 from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.session import Session
-from wrinklecli.errors import AssetError, BakeError, ConfigError
+from wrinklecli.errors import AssetError, BakeError, ConfigError, WrinkleError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric.guard import log_progress
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.suggest import suggest
 
@@ -51,6 +56,12 @@ def session(tmp_path: Path) -> Session:
     return Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
 
 
+def baked_of(session: Session, folder: Path) -> BakedFile:
+    """What a session has saved, baked in this process."""
+    bake = SavedBake.of(session, str(folder / "cache"))
+    return bake.read(bake.run())
+
+
 @pytest.mark.slow
 def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> None:
     session.set_value("far", ("strength",), 0.7)
@@ -70,7 +81,7 @@ def test_what_is_shown_is_what_is_baked(session: Session, tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session: Session, tmp_path: Path) -> None:
     session.save()
-    baked = bake_saved(session)
+    baked = baked_of(session, tmp_path)
     assert baked.text == session.text
     assert [baked.plays(clip) for clip in (POSE, None, "fold")] == [False, True, True]
     (edited,), (written,) = session.meshes("fold", 0.4), baked.meshes("fold", 0.4)
@@ -81,8 +92,39 @@ def test_what_was_baked_is_shown_in_place_and_of_it_the_original_edited(session:
     again = Session(out, tmp_path / "tools.yaml")
     assert again.notes == [f"{out}: is the output of a bake: its original is shown, and baked anew"]
     assert [tool.problem for tool in again.tools()] == [None] * 3
-    bake_saved(again)
+    baked_of(again, tmp_path)
     assert (tmp_path / "limb_wrinkled_wrinkled.glb").read_bytes() == out.read_bytes()
+
+
+@pytest.mark.slow
+def test_a_bake_in_a_process_of_its_own_ends_with_a_file_or_its_fault_or_is_cancelled(
+    session: Session, tmp_path: Path
+) -> None:
+    session.save()
+    found, bake = Queue[BakedFile | WrinkleError](), SavedBake.of(session, str(tmp_path / "cache"))
+    stages = list[str]()
+    RunningBake(bake, lambda *step: stages.append(step[0]), found.put)
+    baked = found.get(timeout=PATIENCE)
+    assert isinstance(baked, BakedFile)
+    assert baked.text == session.text
+    assert "sampling" in stages
+    written = Path(bake.out).read_bytes()
+
+    RunningBake(replace(bake, asset=str(tmp_path / "none.glb")), log_progress, found.put)
+    fault = found.get(timeout=PATIENCE)
+    assert isinstance(fault, WrinkleError)
+    assert fault.lines[0].startswith(f"{tmp_path / 'none.glb'}: ")
+
+    begun = Event()
+    running = RunningBake(bake, lambda *_: begun.set(), found.put)
+    assert begun.wait(PATIENCE)
+    (process,) = multiprocessing.active_children()
+    running.cancel()
+    process.join(PATIENCE)
+    assert not process.is_alive()
+    assert found.empty()
+    assert Path(bake.out).read_bytes() == written
+    assert not [*tmp_path.glob(".wrinkle-*")]
 
 
 def test_an_asset_of_which_nothing_deforms_says_so(tmp_path: Path) -> None:
@@ -103,10 +145,10 @@ def test_a_bake_solves_no_fold_again_that_has_not_changed(tmp_path: Path, monkey
 
     monkeypatch.setattr(sample, "_solved_system", logged)
     session = Session(*knees(inwards=0.0, angle=90.0, sides=8).write(tmp_path, contact="resolve"))
-    first = bake_saved(session)
+    first = baked_of(session, tmp_path)
     count = len(solved)
     assert count
-    again = bake_saved(session)
+    again = baked_of(session, tmp_path)
     assert len(solved) == count
     assert again.document.buffers == first.document.buffers
 
@@ -395,7 +437,7 @@ def test_no_bake_writes_over_what_the_session_reads(name: str, tmp_path: Path) -
     before = (tmp_path / name).read_bytes()
     (tmp_path / "limb_wrinkled.glb").symlink_to(name)
     with pytest.raises(BakeError, match="is an input too"):
-        bake_saved(session)
+        baked_of(session, tmp_path)
     assert (tmp_path / name).read_bytes() == before
 
 

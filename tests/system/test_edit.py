@@ -27,14 +27,14 @@ from kit.limb import limb, tool, write_tools
 from kit.places import ROOT
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.page import Page
-from wrinklecli.editor.page.split import axes_of
+from wrinklecli.editor.page.viewport import axes_of
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
 SCREENSHOTS = os.environ.get("WRINKLE_SCREENSHOTS")
-# Behind the left knee of the sample trousers, at rest, and where a camera looks at it from.
+# Behind the left knee of the sample trousers, at rest, and where a camera looks at it from, above the player.
 KNEE = np.array([(0.115, 0.55, -0.078), (0.115, 0.40, -0.078)])
-CAMERA = np.array([0.115, 0.5, -1.0])
+CAMERA, SEEN = np.array([0.115, 0.46, -1.0]), np.array([0.115, 0.435, -0.078])
 
 Floats = NDArray[np.float64]
 in_browser = partial(browsing, size=(900, 600), drawn=bool(SCREENSHOTS))
@@ -122,7 +122,7 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
     page = Page(session)
     try:
         # The tab begins there. One that is turned later may turn to where it begins once more.
-        page.server.initial_camera.position, page.server.initial_camera.look_at = CAMERA, KNEE.mean(axis=0)
+        page.server.initial_camera.position, page.server.initial_camera.look_at = CAMERA, SEEN
         with in_browser(tmp_path, page.address) as tab:
             until(page.server.get_clients, "a connected tab")
             (client,) = page.server.get_clients().values()
@@ -152,16 +152,15 @@ def test_a_field_is_made_and_a_tool_is_drawn_tuned_and_saved(tmp_path: Path) -> 
             tab.click(*on_screen(page, KNEE[0]))
             tab.wait("document.body.innerText.includes('Click another place, or Cancel')")
             tab.move(on_screen(page, KNEE[1]))
-            lines = page._viewport._scene._plain_lines
-            until(lambda: "line" in lines and lines["line"].visible, "a line to the mouse")
-            until(
-                lambda: np.allclose(lines["line"].points[[0, -1], [0, 1]], KNEE, atol=0.01),
-                "its end where the mouse is",
-            )
+            scene = page._viewport._scene
+            until(lambda: scene._line is not None and scene._line.visible, "a line to the mouse")
+            line = scene._line
+            assert line is not None
+            until(lambda: np.allclose(line.points[[0, -1], [0, 1]], KNEE, atol=0.01), "its end where the mouse is")
             take_picture(tab, "pointed")
             tab.click(*on_screen(page, KNEE[1]))
             tab.wait("document.body.innerText.includes('wrinkle_1 is new')")
-            assert not lines["line"].visible
+            assert not line.visible
             take_picture(tab, "drawn")
 
             drawn, lower = session.text, KNEE[1] - [0.0, 0.02, 0.0]
@@ -316,23 +315,6 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
             assert raised is not None
             assert page.player.clip == raised.clip.name
             take_picture(tab, "taken")
-            (whole,) = session.meshes(raised.clip.name, page.player.time)
-            (plain,) = session.meshes(raised.clip.name, page.player.time, wrinkled=False)
-            tab.press("v", code=86)
-            until(lambda: page._viewport._plane is not None, "a split view")
-            take_picture(tab, "split")
-            until(lambda: page._viewport.shown[0].source is plain.source, "the refined surface")
-            moved = (whole.positions != plain.positions).any(axis=1)
-
-            def plain_on_the_left() -> bool:  # the line follows the camera a moment later
-                (half,), (client,) = page._viewport.shown, page.server.get_clients().values()
-                seen = np.array([on_screen(page, place)[0] for place in plain.positions[moved]])
-                is_plain = (half.positions == plain.positions).all(axis=1)[moved]
-                return bool((is_plain == (seen < client.camera.image_width / 2)).all()) and 0 < is_plain.mean() < 1
-
-            until(plain_on_the_left, "a view without wrinkles left of its middle")
-            tab.press("v", code=86)
-            until(lambda: page._viewport._plane is None, "no split any more")
             (client,) = page.server.get_clients().values()
             eye = client.camera.position.copy()
             tab.press_text("Materials")
@@ -350,7 +332,7 @@ def test_a_proposal_is_pictured_pointed_at_taken_and_compared(tmp_path: Path) ->
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
+def test_a_bake_with_contact_is_cancelled_and_shown(tmp_path: Path) -> None:
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
     session = Session(*elbow().write(tmp_path, contact="resolve"))
     page = Page(session)
@@ -359,16 +341,18 @@ def test_contact_is_resolved_on_demand_and_played(tmp_path: Path) -> None:
             until(page.server.get_clients, "a connected tab")
             tab.press_button("elbow")
             tab.wait("document.body.innerText.includes('is tallest')")
-            tab.press_button("Resolve contact")
-            tab.press_button("Cancel contact")
-            tab.wait("document.body.innerText.includes('contact was cancelled')")
-            tab.press_button("Resolve contact")
-            tab.wait("document.body.innerText.includes('this is its contact')")
-            until(lambda: page.player.playing, "the clip plays")
+            tab.wait("document.body.innerText.includes('which Bake resolves')")
+            tab.press_button("Bake")
+            tab.wait("document.body.innerText.includes('Escape cancels it')")
+            tab.press("Escape", code=27)
+            tab.wait("document.body.innerText.includes('the bake was cancelled')")
+            tab.press_button("Bake")
+            tab.wait("document.body.innerText.includes('shows it in place')")
+            tab.press_text("View")
+            tab.press_text("baked file")
+            until(lambda: page._viewport._is_baked, "the baked file")
             take_picture(tab, "contact")
-            tab.press_button("Pause")
             # What is shown touches, where the edited tools go through each other.
-            until(lambda: not page.player.playing, "the clip is paused")
             page.work.put("go", lambda: page.player.go(CLIP, 1.0))
             until(lambda: page.player.time == 1.0, "the deepest moment")
             (shown,) = page._viewport.shown

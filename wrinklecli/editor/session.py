@@ -42,7 +42,6 @@ from wrinklecli.tools.read import read_values
 from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
 
-_KEPT_SOLUTIONS = 64  # folds and regions of flesh, of half a megabyte each: a body has about 20
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
 
 
@@ -86,7 +85,7 @@ class Session(Edits):
     The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. A draft is shown at
     once, on the triangles that are there. `pose` is that of the clip `POSE`, which may be named wherever a clip may.
     A `hand` slides the skin of a touch, whatever the clip does there.
-    `solutions` are what its bakes have solved. `notes` are lines about the asset's motions and about changes of the
+    `notes` are lines about the asset's motions and about changes of the
     files, the newest last.
 
     Raises:
@@ -105,7 +104,6 @@ class Session(Edits):
         super().__init__(Store(path, external=self.read_options.allow_external))
         self.pose = FreePose()
         self.hand: Hand | None = None
-        self.solutions = RecentResults(_KEPT_SOLUTIONS)
         self._pose_clip: Clip | None = None
         self._watched_asset = Watched([self.asset, *self.read_options.anims])
         self._loaded = self._load()

@@ -2,14 +2,12 @@
 
 import contextlib
 import gc
-import itertools
 import os
 import socket
 import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -58,16 +56,6 @@ def tab(page: Page, **options: object) -> ClientConnection:
     address = page.address.replace("http", "ws", 1)
     options = {"subprotocols": [f"viser-v{viser.__version__}"], "max_size": None, "open_timeout": PATIENCE} | options
     return connect(address, **options)  # type: ignore[arg-type]
-
-
-def test_a_split_needs_a_share_wrinkles_and_somebody_who_looks(page: Page) -> None:
-    viewport = page._viewport
-    down = viser.transforms.SO3.from_x_radians(np.pi).wxyz
-    looking = SimpleNamespace(wxyz=down, position=np.array([0.0, 0.0, 4.0]), fov=0.5, image_width=200, image_height=100)
-    for camera, share, wrinkled in itertools.product((None, looking), (0, 50), (False, True)):
-        viewport._camera, viewport._split.value, viewport._wrinkled.value = camera, share, wrinkled
-        assert (viewport._seen_plane() is not None) == bool(camera and share and wrinkled)
-    viewport._camera, viewport._split.value = None, 0
 
 
 def test_it_offers_what_was_edited_elsewhere_and_is_there_still(page: Page, tmp_path: Path) -> None:

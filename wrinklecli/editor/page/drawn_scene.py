@@ -62,7 +62,7 @@ class DrawnScene:
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
         self._pointed: list[tuple[SurfacePoints, viser.IcosphereHandle]] = []
-        self._plain_lines: dict[str, viser.LineSegmentsHandle] = {}
+        self._line: viser.LineSegmentsHandle | None = None
         self._outlines: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
@@ -151,10 +151,6 @@ class DrawnScene:
             if outline.name == chosen:
                 self._show_dots(outline, places)
 
-    def show_cut(self, segments: Floats | None) -> None:
-        """Show where a split cuts the surface, (segments, 2, 3); None for no split."""
-        self._show_line("cut", np.zeros((0, 2, 3)) if segments is None else segments, INK, _LINE)
-
     def point_at(self, spots: Sequence[SurfacePoints], points: Sequence[Floats]) -> None:
         """Show a dot on each of at most two single points, which move with their bodies, and a line between them."""
         for _, dot in self._pointed[len(spots) :]:
@@ -172,19 +168,14 @@ class DrawnScene:
         if len(self._pointed) == 2:
             (spot, dot), (_, other) = self._pointed
             line = line_between(self._bodies[spot.body], points[spot.body], dot.position, other.position)
-        self._show_line("line", line, HINT, _CHOSEN_LINE)
-
-    def _show_line(self, name: str, segments: Floats, colour: Colour, thickness: float) -> None:
-        """Show (segments, 2, 3) lines under a name; none hide it."""
-        shown = self._plain_lines.get(name)
-        if shown is not None:
-            show_changed(shown, "visible", len(segments) > 0)
-        if shown is None and len(segments):
-            self._plain_lines[name] = self._scene.add_line_segments(
-                f"/asset/{name}", segments, _bytes_of(colour), thickness=thickness, thickness_units="screen"
+        if self._line is not None:
+            show_changed(self._line, "visible", len(line) > 0)
+        if len(line) and self._line is None:
+            self._line = self._scene.add_line_segments(
+                "/asset/line", line, _bytes_of(HINT), thickness=_CHOSEN_LINE, thickness_units="screen"
             )
-        elif shown is not None and len(segments):
-            shown.points = segments.astype(np.float32)
+        elif len(line) and self._line is not None:
+            self._line.points = line.astype(np.float32)
 
     def _show_dots(self, outline: ToolOutline, places: Floats) -> None:
         radius = float(np.clip(_DOT * outline.length, _MIN_DOT * self._size, _MAX_DOT * self._size))

@@ -14,7 +14,6 @@ import viser
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
-from wrinklecli.editor.page.contact_panel import ContactPanel, has_contact
 from wrinklecli.editor.page.controls import ToolControls
 from wrinklecli.editor.page.mask_brush import MaskBrush
 from wrinklecli.editor.page.material_panel import MaterialPanel
@@ -52,7 +51,7 @@ _TYPE_SECONDS = 0.8  # seconds without a key after which a line has been typed
 _DRAG_SECONDS = 20.0  # likewise for a drag, which says itself when it ends unless its tab is closed
 _FOLLOW_SECONDS = 0.15  # seconds without a change after which widgets other than the 3D view follow a slider
 _WARN_SECONDS = 1.0  # seconds between an edit and the search for warnings
-_CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work, which may be given up
+_CLOSE_SECONDS = 2.0  # seconds that the end waits for slow work
 _MAX_LINES = 6  # lines of an error message
 _ALL = "– all –"  # in place of a tool's name, among names
 _BRAND = (31, 111, 214)  # sRGB
@@ -68,7 +67,7 @@ _START_EMPTY = (
     "Drag turns the view, with the right button it moves, the wheel comes closer."
 )
 _NO_WARNINGS, _CHECKING = "no warnings", "checking …"
-_NO_CONTACT = "It is edited without its contact, which Resolve contact shows."
+_NO_CONTACT = "It is edited without its contact, which Bake resolves."
 _TURN = "Pose turns joints by hand."
 _DRAG_DOT = "Drag its dot: the skin slides."
 
@@ -134,7 +133,7 @@ class Page:
 
     def close(self) -> None:
         """Finish the current edit and end the server; a running save is finished, a running bake is given up."""
-        self._contact.close()
+        self._files.close()
         self.stop_work(_CLOSE_SECONDS)
         with contextlib.suppress(WrinkleError):
             self.commit()
@@ -197,7 +196,6 @@ class Page:
             }
             edits = {label: partial(self._edit, edit) for label, edit in actions.items()}
             add_group(self, "tool", {"Look": self._look, **edits})
-            self._contact = ContactPanel(self, self.player)
             self._materials = MaterialPanel(self, self._viewport)
             self._brush = MaskBrush(self, self._viewport)
             clips = [clip.name for clip in session.clips if clip.name not in session.range_clips]
@@ -250,9 +248,9 @@ class Page:
 
     # What is shown.
 
-    def compare(self, baked: BakedFile, *, shown: bool = False) -> None:
-        """Offer to show a baked file instead of the edited asset, until the tools change; or show it at once."""
-        self._viewport.compare(baked, shown=shown)
+    def compare(self, baked: BakedFile) -> None:
+        """Offer to show a baked file instead of the edited asset, until the tools change."""
+        self._viewport.compare(baked)
         self.show()
 
     def refresh(self) -> None:
@@ -268,7 +266,6 @@ class Page:
         )
         self._tool_panel.visible = self.chosen is not None
         chosen = next((tool for tool in tools if tool.name == self.chosen), None)
-        self._contact.refresh(chosen)
         if chosen is not None:
             self._show_tool(chosen)
         else:
@@ -323,7 +320,7 @@ class Page:
         """HTML of a tool's problem, or of its warnings."""
         if tool.problem:
             return paragraph_of(tool.problem, BAD)
-        note = paragraph_of(_NO_CONTACT, QUIET) if has_contact(tool) else ""
+        note = paragraph_of(_NO_CONTACT, QUIET) if tool.values.get("contact") not in (None, False, "off") else ""
         names = [tool.name] if tool.partner is None else [tool.name, tool.partner]
         lines = [line for name in names for line in self._warnings.get(name, [])]
         return "".join(paragraph_of(line, _WARNING) for line in lines) + note
@@ -513,7 +510,7 @@ class Page:
 
     def _escape(self) -> None:
         """Cancel what is pending, or else leave the chosen tool."""
-        if not any(each.give_up() for each in (self._pointer, self._brush, self._contact, self._materials)):
+        if not any(each.give_up() for each in (self._pointer, self._brush, self._files, self._materials)):
             self.choose(None, look=False)
 
     def _rename(self) -> None:

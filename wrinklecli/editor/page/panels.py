@@ -2,12 +2,12 @@
 
 import html
 import os
-import time
+import tempfile
 from functools import partial
 from typing import Any
 
 from wrinklecli.character.posing import posable
-from wrinklecli.editor.baked_file import BakedFile, bake_saved
+from wrinklecli.editor.baked_file import BakedFile, RunningBake, SavedBake
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.widgets import (
@@ -21,11 +21,10 @@ from wrinklecli.editor.page.widgets import (
     value_within,
 )
 from wrinklecli.editor.session import Session
-from wrinklecli.errors import ConfigError
+from wrinklecli.errors import ConfigError, WrinkleError
 from wrinklecli.files.formats import MODEL_ENDINGS
 from wrinklecli.gltf.document import Document
 
-_PROGRESS_SECONDS = 0.2  # seconds between two shown steps of a bake
 _CHECK_SECONDS = 1.0  # seconds between two checks for changed files
 _AXES = ("x", "y", "z")
 _MAX_DEGREES = 180.0  # greatest turn of a joint, of either sign
@@ -37,16 +36,14 @@ _OPEN_TIP = (
 )
 
 
-class _EndedError(Exception):
-    """Ends a bake that nobody waits for; nothing of it is written."""
-
-
 class FileButtons:
     """Widgets for the files of a session, at the current place of the panel; `opened` chooses the asset."""
 
     def __init__(self, page: PageHost) -> None:
         self._page, self._session = page, page.session
         self._noted = 0  # notes of the session that were shown
+        self._running: RunningBake | None = None
+        self._solved = tempfile.TemporaryDirectory()  # what no bake of this page solves again
         undo, redo = partial(self._step, forward=False), partial(self._step, forward=True)
         add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
         overwrite = partial(self._save, overwrite=True)
@@ -100,39 +97,42 @@ class FileButtons:
         self._page.say(f"saved as {self._session.path}")
 
     def _bake(self) -> None:
+        self.give_up()
         self._save()
-        self._progress.visible = True
-        self._page.say("baking …", ASKS)
-        self._page.slow.put("bake", self._bake_saved)
+        work = self._page.work
+        self._running = RunningBake(
+            SavedBake.of(self._session, self._solved.name),
+            lambda *step: work.put("progress", lambda: self._show_progress(*step)),
+            lambda found: work.put("baked", lambda: self._show_baked(found)),
+        )
+        self._show_progress("reading", 0, 1)
 
-    def _bake_saved(self) -> None:
-        shown = 0.0
+    def give_up(self) -> bool:
+        """Cancel a bake; False if none runs."""
+        running, self._running, self._progress.visible = self._running, None, False
+        if running is not None:
+            running.cancel()
+            self._page.say("the bake was cancelled")
+        return running is not None
 
-        def progress(stage: str, done: int, total: int) -> None:
-            nonlocal shown
-            if self._page.slow.ended:
-                raise _EndedError
-            if time.monotonic() - shown > _PROGRESS_SECONDS:
-                shown = time.monotonic()
-                self._page.work.put("progress", lambda: self._show_progress(stage, done, total))
+    def close(self) -> None:
+        """End a bake that runs, and forget what bakes have solved."""
+        self.give_up()
+        self._solved.cleanup()
 
-        try:
-            baked = bake_saved(self._session, progress)
-        except _EndedError:
+    def _show_baked(self, found: BakedFile | WrinkleError) -> None:
+        if self._running is None:  # cancelled meanwhile
             return
-        finally:
-            self._page.work.put("progress", lambda: self._show_progress("", 0, 1))
-        self._page.work.put(object(), lambda: self._show_baked(baked))
-
-    def _show_baked(self, baked: BakedFile) -> None:
-        self._page.compare(baked)
-        self._page.say(f"{baked.summary}\nView, baked file: shows it in place")
+        self._running, self._progress.visible = None, False
+        if isinstance(found, WrinkleError):
+            raise found
+        self._page.compare(found)
+        self._page.say(f"{found.summary}\nView, baked file: shows it in place")
 
     def _show_progress(self, stage: str, done: int, total: int) -> None:
-        self._progress.visible = bool(stage)
-        self._progress.value = 100.0 * done / max(total, 1)
-        if stage:
-            self._page.say(f"baking: {stage} {done}/{total}", ASKS)
+        if self._running is not None:
+            self._progress.visible, self._progress.value = True, 100.0 * done / max(total, 1)
+            self._page.say(f"baking: {stage} {done}/{total}; Escape cancels it", ASKS)
 
     def _check_files(self) -> None:
         try:

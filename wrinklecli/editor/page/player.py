@@ -19,7 +19,7 @@ _MAX_SPEED = 2.0  # times the clip's own speed
 _SPEED_STEP = 0.05  # times the clip's own speed
 _TIME_STEP = 0.001  # seconds
 _CHART_HEIGHT = 110  # pixels
-_TIMELINE_HEIGHT = 60  # pixels of the chart over the time, which hides as much of the view
+_TIMELINE_HEIGHT = 40  # pixels of the chart over the time, which hides as much of the view
 _HEADROOM = 1.1  # greatest height on the curve's axis over the tool's greatest height
 _INK = "#1f6fd6"
 _FILL = "#1f6fd622"
@@ -44,7 +44,7 @@ class Player:
         height = uplot.Series(label="height", stroke=_INK, width=2)
         playhead = uplot.Series(label="now", stroke=_PLAYHEAD_INK, width=2)
         series = (uplot.Series(label="seconds"), height, playhead)
-        self._heights = _chart(gui, "height over the clip", _TIMELINE_HEIGHT, *series)
+        self._heights = _chart(gui, None, _TIMELINE_HEIGHT, *series)
         self._heights.axes, self._heights.visible = 2 * (uplot.Axis(show=False),), False
         self._over: tuple[Floats, Floats] | None = None
         self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
@@ -176,7 +176,7 @@ class CurveChart:
         }
 
 
-def _chart(gui: viser.GuiApi, title: str, height: int, *series: uplot.Series) -> Any:
+def _chart(gui: viser.GuiApi, title: str | None, height: int, *series: uplot.Series) -> Any:
     """Add an empty chart; the first series is the x axis."""
     return gui.add_uplot(
         (np.array([0.0, 1.0]), *(np.zeros(2) for _ in series[1:])),

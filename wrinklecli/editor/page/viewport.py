@@ -17,18 +17,9 @@ from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
 from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.split import SplitPlane, axes_of
 from wrinklecli.editor.page.tab import numbers_of
 from wrinklecli.editor.page.viewpoints import FOV, SIDES, frame_asset, frame_tool
-from wrinklecli.editor.page.widgets import (
-    QUIET,
-    PageHost,
-    add_group,
-    add_shortcut,
-    on_set,
-    paragraph_of,
-    value_within,
-)
+from wrinklecli.editor.page.widgets import QUIET, PageHost, add_group, add_shortcut, on_set, paragraph_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
@@ -42,7 +33,6 @@ from wrinklecli.review.suggest.placed import Compressed
 from wrinklecli.surface.ground import Ground
 
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
-_RESTS_SECONDS = 0.15  # after which a camera that was turned rests, and the split follows it
 # Strength of each light by its direction: one aslant on either side, so that folds stand out from everywhere, and one
 # from below.
 _LIGHTS = {(0.7, 1.0, 1.0): 2.0, (-0.7, 0.8, -1.0): 1.8, (-0.6, -1.0, 0.6): 0.5}
@@ -109,9 +99,6 @@ class Viewport:
         self.shown: list[ShownMesh] = []
         self._document: Document | None = None
         self._baked: BakedFile | None = None
-        self._camera: viser.CameraHandle | None = None  # of the tab that was turned last
-        self._plane: SplitPlane | None = None
-        server.on_client_connect(self._follow)
         self.refresh()
 
     def add_widgets(self, *, heat: bool) -> None:
@@ -124,16 +111,12 @@ class Viewport:
         self._wire: Any = gui.add_checkbox("wire", initial_value=False)
         tip = "Show what Bake has written, in place of what is edited; its clips, as it plays them."
         self._as_baked: Any = gui.add_checkbox("baked file", initial_value=False, hint=tip, visible=False)
-        tip = "Part of the view, from the left, that is shown without wrinkles. V shows a half so, or nothing."
-        self._split: Any = gui.add_slider("split (%)", 0, 100, 1, 0, hint=tip)
         add_group(self._page, "look from", {side: partial(self.look_at_all, side) for side in SIDES})
         for each in (self._look, self._wire):
             on_set(self._page, each, "bodies", self._show_bodies)
-        own: tuple[Any, ...] = (self._wrinkled, self._as_baked, self._split)
-        for each in own:
+        for each in (self._wrinkled, self._as_baked):
             on_set(self._page, each, "wrinkles", self._page.show)
         add_shortcut(self._page, "Light from all sides, after Shift and a drag", partial(self._light, _DIRECTIONS), "L")
-        add_shortcut(self._page, "Split the view: without wrinkles on the left", self._halve, "V")
         add_shortcut(self._page, "Heat: show the compression, or the textures", self._heat, "H")
         add_shortcut(self._page, "Before or after: hide wrinkles, or show them", self._exchange, "B")
 
@@ -198,30 +181,6 @@ class Viewport:
         self._here = paragraph_of(said, QUIET) if said else ""
         self._page.show_messages()
 
-    def _halve(self) -> None:
-        """Show the left half without wrinkles, or nothing."""
-        self._split.value = 0 if self._split.value else 50
-        self._page.show()
-
-    async def _follow(self, client: viser.ClientHandle) -> None:
-        """Take the camera of a new tab, and move the split when the tab is turned."""
-
-        async def turned(camera: viser.CameraHandle) -> None:
-            self._camera = camera
-            if self._split.value:
-                self._work.put_later("split", _RESTS_SECONDS, self._page.show)
-
-        self._camera = client.camera
-        client.camera.on_update(turned)
-
-    def _seen_plane(self) -> SplitPlane | None:
-        """The plane of the split; None if there is none, or nobody to see it."""
-        share = value_within(self._split) / 100.0
-        if not share or self._camera is None or not self._wrinkled.value:
-            return None
-        with np.errstate(all="ignore"):  # a tab may say anything of its camera
-            return SplitPlane.seen_by(self._camera, share)
-
     def refresh(self) -> None:
         """Read the colours of a new asset, and withdraw the baked file if the tools have changed since."""
         if self._session.document is not self._document:
@@ -232,25 +191,16 @@ class Viewport:
         if self._baked is not None and self._baked.text != self._session.text:
             self._baked, self._as_baked.value, self._as_baked.visible = None, False, False
 
-    def compare(self, baked: BakedFile, *, shown: bool = False) -> None:
-        """Offer to show a baked file instead of the edited asset, or show it at once."""
+    def compare(self, baked: BakedFile) -> None:
+        """Offer to show a baked file instead of the edited asset."""
         self._baked, (self._baked_paints, _) = baked, paints_of(baked.document)
-        self._as_baked.visible, self._as_baked.label = True, baked.label
-        self._as_baked.value = shown or self._as_baked.value
+        self._as_baked.visible = True
 
     def show(self, player: Player, chosen: str | None) -> None:
         """Show the player's moment, and the dots of the chosen tool."""
         before = self.shown
         self._moment = player.clip, player.time
         self.shown = self._meshes(*self._moment, wrinkled=self._wrinkled.value)
-        self._plane = self._seen_plane()
-        if self._plane is not None:
-            self.shown = [
-                replace(mesh, positions=self._plane.between(plain.positions, mesh.positions))
-                if plain.source is mesh.source
-                else mesh
-                for mesh, plain in zip(self.shown, self._meshes(*self._moment, wrinkled=False), strict=False)
-            ]
         pairs = list(zip(self.shown, before, strict=False))
         same_sources = len(before) == len(self.shown) and all(new.source is old.source for new, old in pairs)
         # A drag moves other vertices, but of the same triangles.
@@ -300,8 +250,6 @@ class Viewport:
             self._move_bodies()
 
     def _move_bodies(self) -> None:
-        cuts = [] if self._plane is None else [self._plane.cut(mesh.positions, mesh.faces) for mesh in self.shown]
-        self._scene.show_cut(np.concatenate(cuts) if cuts else None)
         if self._scene.move_bodies(self._points, self._heats(self.shown, self._moment)):
             self._work.put_later("swap", _READ_SECONDS, self._scene.swap)
 
@@ -460,6 +408,11 @@ class Viewport:
                 if under.outlined[source.parents[triangle]]:
                     return tool.name
         return None
+
+
+def axes_of(camera: viser.CameraHandle) -> Floats:
+    """(3, 3) axes of a camera in columns: right, down, forwards."""
+    return np.asarray(viser.transforms.SO3(np.asarray(camera.wxyz)).as_matrix())
 
 
 def paints_of(document: Document) -> tuple[dict[int, list[Paint]], tuple[str, ...]]:

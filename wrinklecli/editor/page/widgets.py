@@ -71,8 +71,8 @@ class PageHost(Protocol):
     def choose(self, name: str | None, *, look: bool) -> None:
         """Show a tool, and with `look` turn the cameras to it, at the moment when it is tallest."""
 
-    def compare(self, baked: BakedFile, *, shown: bool = False) -> None:
-        """Offer to show a baked file instead of the edited asset, or show it at once."""
+    def compare(self, baked: BakedFile) -> None:
+        """Offer to show a baked file instead of the edited asset."""
 
     def slide(self, key: Hashable, edit: Callable[[bool], None], *, dragged: bool = False) -> None:
         """Show a draft of an edit; one that is dragged waits for `commit`."""

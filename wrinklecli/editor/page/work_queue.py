@@ -50,11 +50,6 @@ class WorkQueue:
             self._asked.pop(key, None)
             self._due.pop(key, None)
 
-    @property
-    def ended(self) -> bool:
-        """True after `end`."""
-        return self._ended
-
     def end(self) -> None:
         """Let `run` return after the current action."""
         with self._changed:
