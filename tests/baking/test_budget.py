@@ -133,16 +133,16 @@ def test_extras_play_reduced_targets() -> None:
 IN_TURN: Json = {**BROW, "strategy": "origin", "bumps": 5, "mirror": "x", "name": "brow.L"}
 
 
-@SLOW
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("asset", "tools"),
     [
+        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%", "rest_length": "85%"}]),
         ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%"}, {**BACK, "bumps": 3}]),
         ("head", [{**BROW, "strategy": "origin", "bumps": 9}]),
         ("head", [IN_TURN]),
         ("head", [{**BROW, "strategy": "both_ends", "bumps": 20, "clips": {"raise_brows": 0.4}}]),
         ("head", [{**BROW, "strategy": "origin", "bumps": 9, "clips": {"raise_brows": -0.5}}]),
-        ("wrist", [{**PALM, "strategy": "origin", "bumps": 12, "max_height": "2%", "rest_length": "85%"}]),
     ],
 )
 def test_bumps_that_rise_in_turn_take_two_targets_at_a_time(asset: str, tools: list[Json]) -> None:

@@ -166,7 +166,6 @@ def test_meshes_that_cannot_be_one_are_told(tmp_path: Path, made: object, why: s
     assert f"'limb', 'cuff' cannot be one surface: {why}; give each a field of its own" in line
 
 
-@pytest.mark.slow
 def test_an_equal_skin_will_do() -> None:
     asset = halves()
     asset.append("skins", dict(asset.gltf["skins"][0]))

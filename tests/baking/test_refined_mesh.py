@@ -214,7 +214,6 @@ def test_seams_that_are_equal_but_for_rounding_stay_closed(stops: str, tmp_path:
     assert found[1] == pytest.approx(found[0], abs=1e-5)
 
 
-@pytest.mark.quick(1)
 @pytest.mark.parametrize("mode", ["morph", "frames"])
 def test_normals_and_tangents_are_unit_where_old_ones_cancel_or_are_0(mode: str) -> None:
     asset = limb_asset(rings=12, sides=8, tangents=True)

@@ -172,7 +172,7 @@ def test_diff_sees_no_difference_in_what_moves(pair: tuple[Gltf, Gltf]) -> None:
     assert diff(pair[0].path, pair[1].path, posed=True, tolerance=Length(1e-12)).same
 
 
-@pytest.mark.slow
+@pytest.mark.quick(1)
 def test_nothing_crosses_where_parts_meet(pair: tuple[Gltf, Gltf]) -> None:
     whole, parted = (crossings(file.path).data for file in pair)
     assert parted["stored_pose"] == whole["stored_pose"]

@@ -521,7 +521,6 @@ def test_a_field_is_proposed_for_a_garment_tried_and_taken(tmp_path: Path) -> No
     assert [tool.problem for tool in session.tools()] == [None]
 
 
-@pytest.mark.slow
 def test_a_place_that_has_a_tool_is_taken_for_what_runs_the_same_way(tmp_path: Path) -> None:
     session = Session(limb(tmp_path / "limb.glb", rings=20, sides=12), tmp_path / "tools.yaml")
     offers = session.proposals()

@@ -251,13 +251,13 @@ def test_a_node_that_was_renamed_is_not_one_that_was_moved(tmp_path: Path, first
 
 
 HARMLESS = [
+    matrix_for_transform,
     mixed_accessors,
     mixed_nodes,
     mixed_joints,
     mixed_kinds,
     other_generator,
     defaults_written_out,
-    matrix_for_transform,
     opposite_quaternions,
     redundant_keys,
     weights_on_the_node,
@@ -265,7 +265,7 @@ HARMLESS = [
 ]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("change", HARMLESS, ids=lambda each: each.__name__)
 def test_what_means_the_same_is_the_same(tmp_path: Path, change: Callable[[Asset], None]) -> None:
     before, after = rich(), rich()

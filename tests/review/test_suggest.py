@@ -376,7 +376,7 @@ def test_meshes_that_the_scene_does_not_draw_are_said(tmp_path: Path) -> None:
     assert found.notes[0].startswith("'limb': left out, as the scene does not draw it: it is in another scene")
 
 
-@pytest.mark.slow
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", [None, "", "body", "\ud800"])
 def test_a_mesh_whose_name_tells_nothing_gets_one_that_works(name: str | None, tmp_path: Path) -> None:
     """On nodes without a name, of one name, and of one that no file can hold."""

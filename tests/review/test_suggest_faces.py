@@ -262,12 +262,12 @@ def test_a_face_that_says_too_little_has_nothing(tmp_path: Path, targets: list[s
 @pytest.mark.parametrize(
     "expressions",
     [
+        {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": 999, "weight": 1}]}}},
         None,
         [],
         {"preset": []},
         {"preset": {"happy": None, "angry": {}, "blink": {"morphTargetBinds": {}}}},
         {"preset": {"happy": {"morphTargetBinds": [None, {}, {"node": 0}, {"node": 0, "index": "0", "weight": 1}]}}},
-        {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": 999, "weight": 1}]}}},
         {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": True, "weight": 1}]}}},
         {"preset": {"happy": {"morphTargetBinds": [{"node": 0, "index": 0, "weight": "1"}]}}},
         {"custom": {"": {"morphTargetBinds": [{"node": 7, "index": 0, "weight": 1}]}}},

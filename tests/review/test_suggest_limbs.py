@@ -83,7 +83,6 @@ def test_contact_that_is_proposed_bakes(tmp_path: Path, monkeypatch: pytest.Monk
     assert [len(node["extras"]["wrinkle"]["folds"]) for node in nodes if "mesh" in node] == [1]
 
 
-@pytest.mark.slow
 def test_without_the_extra_a_comment_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = folded(tmp_path, monkeypatch, installed=False)
     assert not any(tool.contact for tool in parse_tools(found.text).tools)

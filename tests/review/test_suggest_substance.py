@@ -222,7 +222,6 @@ def test_a_material_counts_before_its_node(tmp_path: Path) -> None:
     assert kind_of(tmp_path, asset, materials={"limb": "skin", "jeans": "leather"}) == "leather"
 
 
-@pytest.mark.slow
 def test_material_refuses_what_it_does_not_know(tmp_path: Path) -> None:
     path = painted(None, name="jeans").write(tmp_path / "asset.glb")
     with pytest.raises(AssetError, match=r"'jean' is no material.*did you mean 'jeans'"):

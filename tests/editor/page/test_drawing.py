@@ -142,7 +142,6 @@ def test_the_outline_of_a_field_is_the_border_of_what_it_folds(tmp_path: Path) -
     assert np.abs(places[:, 0] - 1 / 3).max() < 0.6
 
 
-@pytest.mark.slow
 def test_a_field_without_a_border_has_a_place(tmp_path: Path) -> None:
     session = Session(*sleeve_and_field(tmp_path))
     (shown,) = session.meshes("fold", 0.0)

@@ -145,7 +145,6 @@ def test_no_message_takes_a_control_away(page: Page) -> None:
         assert_alive(page)
 
 
-@pytest.mark.slow
 def test_what_no_tab_sends_is_dropped(page: Page) -> None:
     bumps, clip, file = (control(page, label) for label in ("bumps", "clip", "file"))
     assert sent(page, CAMERA)

@@ -164,7 +164,6 @@ def test_a_point_that_is_dragged_onto_its_neighbour_stays_where_it_was(
     assert [each.problem for each in page.session.tools()] == [None, None]
 
 
-@pytest.mark.slow
 def test_an_end_that_is_dragged_to_where_the_tool_does_not_fit_is_dragged_back(page: Page) -> None:
     page.choose("a", look=False)
     page.session.move_point("a", 0, [9, 9, 9])
@@ -333,7 +332,6 @@ def test_a_touch_needs_no_clip(tmp_path: Path) -> None:
     assert "keys" not in entry
 
 
-@pytest.mark.slow
 def test_the_dot_of_a_touch_drags_its_skin_which_springs_back(tmp_path: Path) -> None:
     (tmp_path / "tools.yaml").write_text(
         yaml.safe_dump({"version": 1, "refinement": {"max_levels": 0}, "touches": [touch(keys={})]})

@@ -79,7 +79,6 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
         assert not one.crosses_itself
 
 
-@pytest.mark.slow
 def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
     folds, clips = folds_of("knees", tmp_path)
     ((one, two, vertices),) = touching_in_clips(folds, clips)

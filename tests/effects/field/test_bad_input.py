@@ -96,6 +96,7 @@ def test_a_mesh_that_cannot_wrinkle(wrinkle: Wrinkle, tmp_path: Path, made: Call
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
+        ({"substance": ["leather"]}, "fields[0].substance: nothing of limb looks like leather: it is 'skin'"),
         ({"wavelength": 0}, "fields[0].wavelength: found 0, expected auto, a length from"),
         ({"wavelength": -0.1}, "fields[0].wavelength: found -0.1, expected auto, a length from"),
         ({"wavelength": "0%"}, "fields[0].wavelength: found '0%', expected auto, a length from"),
@@ -113,7 +114,6 @@ def test_a_mesh_that_cannot_wrinkle(wrinkle: Wrinkle, tmp_path: Path, made: Call
         ({"mask": {"attribute": "_WRINKLE"}}, "fields[0].mask.attribute: the mesh of limb has no _WRINKLE"),
         ({"substance": ["silk"]}, "fields[0].substance[0]: found 'silk', expected skin, cloth or leather"),
         ({"substance": "skin"}, "fields[0].substance: found 'skin', expected a list of skin, cloth and leather"),
-        ({"substance": ["leather"]}, "fields[0].substance: nothing of limb looks like leather: it is 'skin'"),
         ({"material": "silk"}, "fields[0].material: found 'silk', expected"),
         ({"strength": 11}, "fields[0].strength: found 11, expected a number from 0 to 10"),
         ({"seed": -1}, "fields[0].seed: found -1"),

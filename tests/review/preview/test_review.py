@@ -167,7 +167,6 @@ def test_a_tool_of_a_baked_file_is_shown_at_its_own_moments(tmp_path: Path) -> N
         draw([asset], tmp_path / "a.png", only=["fold"], views=["front"], **SMALL)
 
 
-@pytest.mark.slow
 def test_a_tool_that_no_clip_raises_is_shown_at_its_full_height(tmp_path: Path) -> None:
     asset = unfolding(rings=13, sides=10, clip=None).write(tmp_path / "limb.glb")
     tools = write_tools(tmp_path / "tools.yaml", tool(**BUMPY))
