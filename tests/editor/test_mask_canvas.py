@@ -1,6 +1,5 @@
 """A mask that is painted: it reaches the texels of the skin under the brush, is written as a PNG, and can be undone."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,20 +7,20 @@ import pytest
 import yaml
 
 from kit.limb import limb, tool, write_tools
-from kit.places import ROOT
+from wrinklecli.editor import mask_canvas
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import WrinkleError
 
 
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
-    """The sample wrist with its tools."""
-    asset, tools = ROOT / "samples" / "wrist.glb", ROOT / "configs" / "wrist.yaml"
-    return Session(shutil.copy(asset, tmp_path), shutil.copy(tools, tmp_path))
+    """A limb with a tool."""
+    write_tools(tmp_path / "limb.yaml", tool(name="a", width=0.3))
+    return Session(limb(tmp_path / "limb.glb", rings=40, sides=24, uvs=True))
 
 
-@pytest.mark.slow
-def test_a_brush_lowers_what_lies_under_it_and_nothing_else(session: Session) -> None:
+def test_a_brush_lowers_what_lies_under_it_and_nothing_else(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mask_canvas, "_SIZE", 128)
     name, before = session.tools()[0].name, session.text
     canvas, length = session.mask_canvas(name)
     assert (canvas.pixels == 255).all()
