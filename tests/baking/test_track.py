@@ -167,6 +167,7 @@ def test_nothing_else_changes_and_the_stub_costs_three_points(change: Callable[[
     assert sum(view["byteLength"] for view in added) == 4 * numbers
 
 
+@pytest.mark.slow
 def test_keys_are_as_few_as_a_bakes(tmp_path: Path) -> None:
     whole = bake_config("trousers", "trousers")
     made, _ = run(body_of("trousers"), edited("trousers", skeleton_only), tmp_path)

@@ -70,6 +70,7 @@ def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_muscles_that_no_clip_moves_are_left_out(tmp_path: Path) -> None:
     """A clip that bends the right arm moves its muscles; the left arm gets the same, as its mirror image."""
     found = wrinklecli.suggest(tubes().write(tmp_path / "tubes.glb"), muscles=True)

@@ -89,7 +89,7 @@ BENT = [
 ]
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize("shape", BENT, ids=lambda each: f"{each.sides}x{each.rings}")
 def test_a_bent_tube_folds_at_the_same_place_however_fine(tmp_path: Path, shape: Shape) -> None:
     # The place is tested, not the look: facets that bend, and a crease as sharp as a bump, leave tools out.
