@@ -1,16 +1,24 @@
 """Folds whose own motion is solved, as a bake does it, in this process."""
 
-from wrinklecli.effects.contact.crease import Crease, Surface, distances_from_crossings, resolve
+from dataclasses import replace
+
+from wrinklecli.effects.contact.crease import Crease, given_up_by, march_clip, resolve
 from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.system import crossing_in_sweeps
 from wrinklecli.numeric.arrays import Ints
+
+
+def crossing(fold: Fold, further: Ints | None = None) -> Fold:
+    """The fold with what crosses in its own motion; `further` are fine vertices that cross in clips."""
+    found = replace(fold, crossed=crossing_in_sweeps(fold))
+    return found if further is None else found.crossing_also(further)
 
 
 def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     """The fold with at most so many shapes of its sweeps; `further` are fine vertices that cross in clips."""
-    apart = distances_from_crossings(fold, further)
-    assert apart is not None
-    surface = Surface.of(fold, apart)
-    sweeps = [surface.sweep(each) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
-    assert surface.given_up(sweeps[: len(fold.hinge.straight)]) is None
+    found = crossing(fold, further)
+    assert found.crosses
+    sweeps = [march_clip(found, *each) for each in (*found.hinge.straight, *found.hinge.leaning)]
+    assert given_up_by(found, sweeps[: len(found.hinge.straight)]) is None
     poses = [pose for each in sweeps for pose in each.poses(each.touching)]
-    return resolve(surface, poses, sweeps, share=0.35, most=most)
+    return resolve(found, poses, sweeps, share=0.35, most=most)

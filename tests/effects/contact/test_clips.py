@@ -13,11 +13,12 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.asset import Asset, Interpolation
 from kit.bakes import UNREFINED, bake_once, place, report_of
+from kit.creases import crossing
 from kit.limb import limb_asset, nose, tool, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import Surface, distances_from_crossings
+from wrinklecli.effects.contact.crease import march_clip
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.effect import SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
@@ -170,9 +171,7 @@ def test_poses_between_solved_ones_are_not_solved_and_cross_nothing(tmp_path: Pa
     (plan,) = plan_meshes(job)
     contact = plan.layer(ContactLayer)
     assert contact is not None
-    apart = distances_from_crossings(contact.folds[0])
-    assert apart is not None
-    marched = Surface.of(contact.folds[0], apart).march(job.clips[0], np.linspace(0.0, 4.0, 121))
+    marched = march_clip(crossing(contact.folds[0]), job.clips[0], np.linspace(0.0, 4.0, 121))
     touching = [marched.solution(frame) for frame in marched.touching]
     solved = [each for each in touching if each.between is None]
     assert not any(each.crosses_itself for each in touching)

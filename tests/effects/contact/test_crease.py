@@ -18,13 +18,13 @@ from kit.limb import limb_asset, tool, write_tools
 from kit.prepared import prepare
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import MarchedClip, Surface
+from wrinklecli.effects.contact.crease import MarchedClip, given_up_by
 from wrinklecli.effects.contact.fitting import combined, fit_poses
 from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.hinge import hinge_of
 from wrinklecli.effects.contact.layer import ContactLayer
-from wrinklecli.effects.contact.solution import Solution, _error_weights, free_rows
-from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
+from wrinklecli.effects.contact.solution import Solution, _error_weights
+from wrinklecli.effects.contact.tissue import FREE, SOFT, Tissue
 from wrinklecli.numeric.intersections import widened
 
 
@@ -42,9 +42,8 @@ def test_shapes_that_would_take_volume_away_are_more() -> None:
         moved = 1.5 * (first * 1.0 - other)[:, None] * rest / 60.0 + 8.0 * first[:, None] * turning
         moved[:, 0] = 0.0
         shares = np.where(other, 0.01, 1.0)
-        rows = free_rows(tissue)
-        state = SolverState(rest, SkinnedPose(rest, matrices))
-        return Solution(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows], state)
+        rows = tissue.free_rows
+        return Solution(tissue, moved[rows], shares[rows], 0.0 * moved[rows], rest, matrices[rows])
 
     solved = [found(8), found(11)]
     weights, shapes, crossing = fit_poses(solved, share=0.35, most=8)
@@ -77,11 +76,12 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     contact = plan.layer(ContactLayer)
     assert contact is not None
     found = resolved(contact.folds[0], most=4)
-    free, near = found.tissue.free, found.tissue.apart == 0.0
-    assert np.array_equal(free, found.tissue.apart < FREE * SOFT)
+    tissue = found.fold.tissue
+    free, near = tissue.free, tissue.apart == 0.0
+    assert np.array_equal(free, tissue.apart < FREE * SOFT)
     # However long edges are: beside what crosses nothing stands still.
     for _ in range(RINGS):
-        near = widened(found.tissue.edges, near)
+        near = widened(tissue.edges, near)
     assert free[near].all()
 
 
@@ -92,14 +92,14 @@ def test_a_fold_whose_motion_settles_nowhere_beyond_30_degrees_is_given_up(
     """Contact acts at some angles of one sweep, which then has a fault at 40°; the other sweep has none."""
     prepared = prepare(limb_asset(rings=9, sides=8), tool())
     hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
-    surface = Surface(SimpleNamespace(hinge=hinge, rig=prepared.rig), SimpleNamespace())  # type: ignore[arg-type]
+    fold: Any = SimpleNamespace(hinge=hinge, rig=prepared.rig)
     found: Any = object()
     angles = np.radians([0.0, 10.0, 20.0, 31.0, 40.0])
     clip, times = hinge.turn(angles), np.linspace(0.0, 1.0, 5)
     solutions = tuple(found if each in degrees else None for each in (0.0, 10.0, 20.0, 31.0, 40.0))
     failed, sound = MarchedClip(clip, times, solutions, {4: "is torn"}), MarchedClip(clip, times[:2], (None, found), {})
-    assert surface.given_up([sound, sound]) is None
-    reason = surface.given_up([failed, sound])
+    assert given_up_by(fold, [sound, sound]) is None
+    reason = given_up_by(fold, [failed, sound])
     if given_up:
         assert reason is not None
         assert (reason.reason, reason.degrees) == ("is torn", pytest.approx(40.0, abs=0.1))

@@ -20,10 +20,11 @@ from kit.player import Gltf
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact import march, solution, tearing
-from wrinklecli.effects.contact.crease import Crease, MarchedClip, Surface
+from wrinklecli.effects.contact import crease, march, solution, tearing
+from wrinklecli.effects.contact.crease import Crease, MarchedClip
+from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import UNSETTLED
-from wrinklecli.effects.contact.hinge import DEEPEST, STRIDE, Sweep
+from wrinklecli.effects.contact.hinge import DEEPEST, STRIDE
 from wrinklecli.effects.contact.remaining import FADE as STRIDES
 from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
 from wrinklecli.errors import RefusedError
@@ -165,11 +166,11 @@ def settles_up_to_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no pose settle in which a fold is bent further."""
     solve = solution.march
 
-    def solved(tissue: Tissue, poses: Iterable[SkinnedPose], start: SolverState | None) -> Iterator[SolverState]:
+    def solved(tissue: Tissue, poses: Iterable[SkinnedPose], *how: Any) -> Iterator[SolverState]:
         for posed in poses:
             one, other = (posed.matrices[end(tissue.rest[:, 0])] for end in (np.argmin, np.argmax))
             turned = np.degrees(np.arccos((np.trace(other @ one.T) - 1.0) / 2.0))
-            (state,) = solve(tissue, [posed], start)
+            (state,) = solve(tissue, [posed], *how)
             yield replace(state, converged=state.converged and turned <= FARTHEST)
 
     monkeypatch.setattr(solution, "march", solved)
@@ -371,12 +372,12 @@ def test_a_fold_that_its_own_motion_gives_up_is_solved_no_further(
     """Neither motions about leaning axes nor clips are solved for it."""
     solved = list[float]()
 
-    def failing(_surface: Surface, sweep: Sweep) -> MarchedClip:
-        solved.append(sweep.deepest)
-        return MarchedClip(sweep.clip, sweep.times[:2], (None, None), {1: UNSETTLED})
+    def failing(_fold: Fold, clip: Clip, times: np.ndarray, deepest: float | None = None) -> MarchedClip:
+        assert deepest is not None, "a clip is solved"
+        solved.append(deepest)
+        return MarchedClip(clip, times[:2], (None, None), {1: UNSETTLED})
 
-    monkeypatch.setattr(Surface, "sweep", failing)
-    monkeypatch.setattr(Surface, "march", lambda *_: pytest.fail("a clip is solved"))
+    monkeypatch.setattr(crease, "march_clip", failing)
     asset, tools = FOLDS["low_poly"]().write(tmp_path, contact="resolve")
     (fold,) = wrinklecli.bake(asset, tools, tmp_path / "out.glb", jobs=1).data["folds"]
     assert fold["given_up"]["reason"] == UNSETTLED

@@ -13,6 +13,7 @@ from kit.command import Wrinkle
 from kit.folds import knees
 from kit.limb import write_tools
 from wrinklecli.effects.contact import kept, sample
+from wrinklecli.effects.contact.fold import Fold
 
 FORGERIES: list[Callable[[str], str]] = [
     lambda _: "{}",
@@ -21,7 +22,7 @@ FORGERIES: list[Callable[[str], str]] = [
     lambda text: text[:-1],
     lambda text: text.replace('{"known": 0}', '{"known": 9}'),
     lambda text: text.replace('{"Crease"', '{"Fold"'),
-    lambda text: text.replace('{"Followed": [{"known": 2}, ', '{"Followed": ['),
+    lambda text: text.replace('{"Followed": [{"known": 1}, ', '{"Followed": ['),
     lambda text: text.replace('[["map", [[0, ', '[["map", [[1, ').replace('{"map": [[0, ', '{"map": [[1, '),
     lambda text: re.sub(r'"array": \[\[(\d+), (\d+), 3\]', r'"array": [[\2, \1, 3]', text, count=1),
     lambda text: re.sub(r'"array": \[\[(\d+), (\d+)\]', r'"array": [[\2, \1]', text),
@@ -38,12 +39,12 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
     # Neither sees the other.
     first, second = ({**tool, "contact": {"ignore": ["limb"]}} for tool in legs.tools)
     write_tools(tools, first, second, refinement={"max_levels": 1})
-    solve, solved, asked = sample._solved_system, list[kept.Members](), list[tuple[kept.Members, sample._Clips]]()
+    solve, solved, asked = sample._solved_system, list[list[Fold]](), list[tuple[list[Fold], sample._Clips]]()
 
-    def logged(members: kept.Members, *, clips: sample._Clips, jobs: int) -> kept.SolvedSystem:
+    def logged(members: list[Fold], *, clips: sample._Clips, jobs: int) -> kept.SolvedSystem:
         solved.append(members)
         asked.append((members, clips))
-        return solve([*members], clips=clips, jobs=jobs)
+        return solve(members, clips=clips, jobs=jobs)
 
     monkeypatch.setattr(sample, "_solved_system", logged)
 
@@ -52,7 +53,7 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
         ran = wrinkle("bake", str(asset), str(tools), "-o", out, "-j", "1", *options)
         assert ran.code == 0, ran.lines
         assert not [line for line in ran.lines if "shapes/" in line]
-        names = [patch.tool.name for members in solved for fold, _ in members for patch in fold.patches]
+        names = [patch.tool.name for members in solved for fold in members for patch in fold.patches]
         return names, Path(out).read_bytes()
 
     names = [str(tool["name"]) for tool in legs.tools]
@@ -87,7 +88,7 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
     assert bake("replaced.glb", "--replace", "--cache", "c") == ([], changed)
 
 
-def _is_of(data: bytes, members: kept.Members, clips: sample._Clips) -> bool:
+def _is_of(data: bytes, members: list[Fold], clips: sample._Clips) -> bool:
     """True if a solution is that of some folds, which reads them the same way again."""
     try:
         solved = kept.read(data, members, clips.moving)

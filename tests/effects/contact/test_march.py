@@ -70,7 +70,7 @@ def test_a_short_whole_step_ends_a_pose_where_further_steps_would_end_it(monkeyp
     def marched(followed: float) -> tuple[int, list[float]]:
         monkeypatch.setattr(march_module, "_FOLLOWED", followed)
         steps, energies = 0, []
-        for state in march(tissue.again(), poses):
+        for state in march(tissue, poses):
             assert state.converged
             steps += state.steps
             volumes = tissue.pieces.volumes(state.posed.positions)
@@ -130,7 +130,7 @@ def test_the_slope_of_a_step_is_the_derivative_of_the_energy() -> None:
     assert not tissue.is_clear(posed.positions)
     positions = state.positions + np.where(free, 0.05, 0.0)[:, None] * np.sin(np.arange(3 * len(rest)).reshape(-1, 3))
     near, volumes = tissue.collisions(positions), tissue.pieces.volumes(posed.positions)
-    direction, slope = _direction(tissue, positions, posed, volumes, near)
+    direction, slope = _direction(tissue, tissue.response(), positions, posed, volumes, near)
     step = 1e-5 / np.abs(direction).max()
     ahead, behind = (
         _energy(tissue, there, posed, volumes, tissue.collisions(there))

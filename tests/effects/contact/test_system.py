@@ -8,15 +8,14 @@ import pytest
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bakes import report_of
-from kit.creases import resolved
+from kit.creases import crossing, resolved
 from kit.folds import FOLDS
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import distances_from_crossings, resolve
+from wrinklecli.effects.contact.crease import march_clip, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.layer import ContactLayer
-from wrinklecli.effects.contact.solution import free_rows
 from wrinklecli.effects.contact.system import (
     System,
     crossing_in_clips,
@@ -57,22 +56,21 @@ def test_both_hips_over_one_pelvis_are_resolved_together() -> None:
 @pytest.mark.long
 def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -> None:
     (left, right), (clip,) = folds_of("groin", tmp_path)
-    pairs = [(each, distances_from_crossings(each)) for each in (left, right)]
-    assert near_each_other(*pairs)
+    assert near_each_other(crossing(left), crossing(right))
     creases = tuple(resolved(each, most=4) for each in (left, right))
-    system = System(creases)
+    system = System(tuple(each.fold for each in creases))
     times = np.linspace(clip.start, (clip.start + clip.end) / 2.0, 16)
-    whole = system.march(clip, times)
+    whole = march_clip(system.fold, clip, times)
     assert whole.touching
     first = system.part(0, whole, [])
     nothing = np.zeros((len(times), len(creases[0].shapes)))
     rest = system.part(1, whole, [(creases[0], nothing)])
-    vertices = system.fold.vertices[free_rows(system.tissue)]
+    vertices = system.fold.free_vertices
     for frame in whole.touching:
         found, one, two = whole.solution(frame), first.solution(frame), rest.solution(frame)
         total = np.zeros_like(found.moved)
-        other = ~np.isin(vertices, creases[1].vertices)
-        total[np.isin(vertices, creases[0].vertices)] = one.moved
+        other = ~np.isin(vertices, creases[1].fold.free_vertices)
+        total[np.isin(vertices, creases[0].fold.free_vertices)] = one.moved
         # With nothing fitted by the first, the second takes over all that it can move.
         total[~other] = two.moved
         assert total == pytest.approx(found.moved, abs=1e-12)
@@ -94,9 +92,7 @@ def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_pat
     (fold, _), clips = folds_of("knees", tmp_path)
     whole, further = fold, np.zeros(0, np.intp)
     for _ in range(4):
-        apart = distances_from_crossings(whole, further)
-        assert apart is not None
-        whole, fresh = holding_contacts(whole, apart, clips)
+        whole, fresh = holding_contacts(crossing(whole, further), clips)
         if not len(fresh):
             break
         further = np.union1d(further, fresh)
@@ -107,7 +103,8 @@ def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_pat
     # The other leg is in the way, and no part of this fold.
     own = whole.fine.rest_positions[whole.vertices[whole.own], 2] > 0
     assert own.all() or not own.any()
-    assert holding_contacts(fold, distances_from_crossings(fold), [])[0] is fold
+    still = crossing(fold)
+    assert holding_contacts(still, [])[0] is still
 
 
 @pytest.mark.slow
@@ -115,13 +112,13 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     tmp_path: Path,
 ) -> None:
     ((fold,), clips) = folds_of("low_poly", tmp_path)
-    assert distances_from_crossings(fold) is None
+    assert not crossing(fold).crosses
     assert not len(crossing_in_clips(fold, []))
     crease = resolved(fold, most=4, further=crossing_in_clips(fold, clips))
     assert not len(crease.shapes)
-    solved = crease.march(clips[0], np.linspace(clips[0].start, clips[0].end, 31))
+    solved = march_clip(crease.fold, clips[0], np.linspace(clips[0].start, clips[0].end, 31))
     assert crease.follow(solved).crossing
-    wider = resolve(crease, [*solved.poses(solved.touching)], [], share=0.35, most=4)
+    wider = resolve(crease.fold, [*solved.poses(solved.touching)], [], share=0.35, most=4)
     assert not wider.follow(solved).crossing
 
 

@@ -19,26 +19,16 @@ from wrinklecli.character.motion import approach
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
-from wrinklecli.effects.contact.fold import RINGS, Fold
-from wrinklecli.effects.contact.given_up import DEGENERATE, TORN, GivenUp, UnresolvedError
-from wrinklecli.effects.contact.hinge import Hinge, Sweep
-from wrinklecli.effects.contact.rise import Rise
-from wrinklecli.effects.contact.solution import (
-    March,
-    Solution,
-    free_rows,
-    is_clear,
-)
-from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
+from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.given_up import TORN, GivenUp
+from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.solution import March, Solution, is_clear
+from wrinklecli.effects.contact.tissue import UNITS
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
-from wrinklecli.numeric.closest import nearest_of
-from wrinklecli.numeric.intersections import widened
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
-# Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
-_CROSSING_POSES = 8
 # Poses from rest to the beginning of a clip that is folded there, or to the pose to which a clip jumps.
 _APPROACH = 33
 # Strides between two frames from which on a clip jumps, as STEP keys do: a quarter of what closes most folds.
@@ -103,63 +93,11 @@ class PlayerError:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """A fold as the solver sees it.
-
-    Attributes:
-        fold: The surface round the joint.
-        tissue: That surface with its resistance and its collisions.
-    """
-
-    fold: Fold
-    tissue: Tissue
-
-    @classmethod
-    def of(cls, fold: Fold, apart: Floats) -> "Surface":
-        """Make a fold ready for the solver, with distances as `distances_from_crossings` gives them.
-
-        Raises:
-            UnresolvedError: All of it crosses at rest.
-        """
-        tissue = tissue_of(fold, apart)
-        if not tissue.colliding.any():
-            raise UnresolvedError(GivenUp(DEGENERATE))
-        # What its copies have in common is computed once for all processes.
-        tissue.again()
-        return cls(fold, tissue)
-
-    @property
-    def vertices(self) -> Ints:
-        """(free,) sorted fine welded vertices that the solver may move."""
-        return self.fold.vertices[free_rows(self.tissue)]
-
-    def march(self, clip: Clip, times: Floats) -> "MarchedClip":
-        """Solve a clip at (frames,) sorted seconds, as `march_clip` does."""
-        return march_clip(self.fold, self.tissue, [self.fold.hinge], clip, times)
-
-    def sweep(self, sweep: Sweep) -> "MarchedClip":
-        """Solve a sweep alike. Nobody may ever bend the joint further than where it ends."""
-        return march_clip(self.fold, self.tissue, [self.fold.hinge], sweep.clip, sweep.times, deepest=sweep.deepest)
-
-    def given_up(self, sweeps: "Sequence[MarchedClip]") -> GivenUp | None:
-        """The reason why the fold is given up, by the sweeps of its joint about its own axis; None if it is not.
-
-        A sweep has a fault, and none of the poses that touch counts beyond 30°.
-        """
-        fold, failed = self.fold, [each for each in sweeps if each.faults]
-        strides = [fold.hinge.strides(fold.rig, each.clip, each.times[each.touching]) for each in sweeps]
-        if not failed or any((np.abs(each) >= _FAR).any() for each in strides):
-            return None
-        frame, reason = min(failed[0].faults.items())
-        reading = fold.hinge.reading(fold.rig, failed[0].clip, failed[0].times[[frame]])
-        return GivenUp(reason, float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
-
-
-@dataclass(frozen=True)
-class Crease(Surface):
+class Crease:
     """A fold whose contact is resolved.
 
     Attributes:
+        fold: The surface round the joint.
         shapes: (shapes, free, 3) bind space, at weight 1.
         samples: Weights, with the motions and times in which normals are to be right under them.
         largest: Greatest move in the solutions that the shapes are fitted to, scene units.
@@ -167,6 +105,7 @@ class Crease(Surface):
         paths: Rows of clips in the table.
     """
 
+    fold: Fold
     shapes: Floats
     samples: tuple[tuple[Floats, Clip, float], ...]
     largest: float
@@ -212,7 +151,7 @@ class Crease(Surface):
     @property
     def counting(self) -> Bools:
         """(vertices,) True for those that contact or the fold's tools may move."""
-        return (self.tissue.free & self.tissue.own) | self.fold.raised
+        return (self.fold.tissue.free & self.fold.own) | self.fold.raised
 
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip, each pose for itself.
@@ -277,13 +216,13 @@ class Crease(Surface):
             for (here, there), each in zip(places, moves, strict=True):
                 (moved,) = each.displacements(fold.fine, fold.rig, clip, times[[frame]])
                 shown[here] += np.einsum("vij,vj->vi", matrices[here], moved[there])
-            if self.tissue.tears(scale * given, scale * shown):
+            if fold.tissue.tears(scale * given, scale * shown):
                 torn.add(frame)
         return torn
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""
-        return Moves(self.vertices, self.shapes, followed.times, followed.weights)
+        return Moves(self.fold.free_vertices, self.shapes, followed.times, followed.weights)
 
     def with_path(self, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
@@ -401,51 +340,51 @@ class Followed:
     faults: Mapping[int, str]
 
 
-def march_clip(
-    fold: Fold,
-    tissue: Tissue,
-    hinges: "Sequence[Hinge | Rise]",
-    clip: Clip,
-    times: Floats,
-    *,
-    deepest: float | None = None,
-) -> MarchedClip:
+def march_clip(fold: Fold, clip: Clip, times: Floats, deepest: float | None = None) -> MarchedClip:
     """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
 
     If the clip begins folded, or jumps to a pose that is folded at one of the hinges, an approach from rest is solved
-    first. With a `deepest` move of a vertex, solver's units, the clip ends at the first that is deeper, or at a fault.
+    first. With a `deepest` move of a vertex, solver's units, the clip ends at the first that is deeper, or at a fault:
+    nobody may ever bend the joint further than where a sweep ends.
     """
     solutions, faults = list[Solution | None](), dict[int, str]()
-    for frame, found in enumerate(_in_clip(fold, tissue.again(), hinges, clip, times)):
+    for frame, found in enumerate(_in_clip(fold, clip, times)):
         if found.fault is not None:
             faults[frame] = found.fault
-        solutions.append(found.settled_in(tissue) if found.touches else None)
+        solutions.append(found if found.touches else None)
         if deepest is not None and (found.fault is not None or found.greatest_move > deepest):
             break
     return MarchedClip(clip, times[: len(solutions)], tuple(solutions), faults)
 
 
-def _in_clip(
-    fold: Fold, tissue: Tissue, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats
-) -> Iterator[Solution]:
-    strides = _strides(fold, hinges, clip, times)
-    jumps, marching = np.abs(np.diff(strides, axis=0)).max(axis=1) > _JUMP, March(fold, tissue)
+def _in_clip(fold: Fold, clip: Clip, times: Floats) -> Iterator[Solution]:
+    strides, response = fold.strides(clip, times), fold.tissue.response()
+    jumps, marching = np.abs(np.diff(strides, axis=0)).max(axis=1) > _JUMP, March(fold, response)
     for part in np.split(np.arange(len(times)), 1 + np.flatnonzero(jumps)):
-        if not is_clear(fold, tissue, clip, float(times[part[0]])):
-            way, there = March(fold, tissue), approach(clip, float(times[part[0]]), fold.rig)
+        if not is_clear(fold, clip, float(times[part[0]])):
+            way, there = March(fold, response), approach(clip, float(times[part[0]]), fold.rig)
             moments = np.linspace(0.0, 1.0, _APPROACH)
-            deque(way.through(there, moments, _strides(fold, hinges, there, moments)), maxlen=0)
+            deque(way.through(there, moments, fold.strides(there, moments)), maxlen=0)
             marching.reached += way.reached
         yield from marching.through(clip, times[part], strides[part])
 
 
-def _strides(fold: Fold, hinges: "Sequence[Hinge | Rise]", clip: Clip, times: Floats) -> Floats:
-    """(frames, hinges) angles at (frames,) seconds of a clip, in strides."""
-    return np.stack([hinge.strides(fold.rig, clip, times) for hinge in hinges], axis=1)
+def given_up_by(fold: Fold, sweeps: Sequence[MarchedClip]) -> GivenUp | None:
+    """The reason why a fold is given up, by the sweeps of its joint about its own axis; None if it is not.
+
+    A sweep has a fault, and none of the poses that touch counts beyond 30°.
+    """
+    failed = [each for each in sweeps if each.faults]
+    strides = [fold.hinge.strides(fold.rig, each.clip, each.times[each.touching]) for each in sweeps]
+    if not failed or any((np.abs(each) >= _FAR).any() for each in strides):
+        return None
+    frame, reason = min(failed[0].faults.items())
+    reading = fold.hinge.reading(fold.rig, failed[0].clip, failed[0].times[[frame]])
+    return GivenUp(reason, float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
 
 
 def resolve(
-    surface: Surface,
+    fold: Fold,
     poses: Sequence[SolvedPose],
     sweeps: Sequence[MarchedClip],
     *,
@@ -458,7 +397,7 @@ def resolve(
     There are no shapes if nothing touches.
 
     Args:
-        surface: The fold.
+        fold: The fold.
         poses: The solved poses.
         sweeps: The sweeps, about the joint's own axis first.
         share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
@@ -466,13 +405,11 @@ def resolve(
         most: Greatest number of shapes, even if crossings remain.
         fewest: Least number of shapes.
     """
-    fold, tissue = surface.fold, surface.tissue
-    weights, shapes = np.zeros((0, 0)), np.zeros((0, len(free_rows(tissue)), 3))
+    weights, shapes = np.zeros((0, 0)), np.zeros((0, len(fold.free_vertices), 3))
     if poses:
         weights, shapes, _ = fit_poses([each.found for each in poses], share=share, most=most, fewest=fewest)
     return Crease(
         fold=fold,
-        tissue=tissue,
         shapes=shapes,
         samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)) if poses else (),
         largest=max((each.found.greatest_move for each in poses), default=0.0) * fold.radius / UNITS,
@@ -483,50 +420,3 @@ def _chosen(weights: Floats) -> list[int]:
     """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
     even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
     return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
-
-
-def distances_from_crossings(fold: Fold, further: Ints | None = None) -> Floats | None:
-    """(vertices,) distance at rest from the vertices that cross in a sweep and not at rest, solver's units.
-
-    `further` are fine welded vertices that cross in clips. None if nothing of the fold's own crosses. Where edges are
-    long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
-    """
-    still = fold.crossing(fold.rest_positions)
-    marked = np.zeros(len(fold.own), bool)
-    looks = [(each.clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for each in fold.hinge.straight]
-    for clip, times in [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)]:
-        for positions in fold.posed(clip, times)[0]:
-            marked |= fold.crossing(positions)
-    marked &= ~still
-    if further is not None:
-        marked[: len(fold.vertices)] |= np.isin(fold.vertices, further)
-    if not marked[fold.own].any():
-        return None
-    apart = nearest_of(fold.rest_positions[marked], fold.rest_positions)[0] * UNITS / fold.radius
-    for ring in range(1, RINGS + 1):
-        marked, within = widened(fold.crossings.edges, marked), marked
-        apart = np.where(marked & ~within, np.minimum(apart, FREE * SOFT * ring / (RINGS + 1)), apart)
-    return apart
-
-
-def border(fold: Fold) -> Bools:
-    """(vertices,) True for vertices with triangles beyond the fold, which must stay; not for those of other meshes."""
-    inside = np.bincount(fold.triangles.reshape(-1), minlength=len(fold.own))[: len(fold.vertices)]
-    starts = fold.fine.around.starts
-    return np.asarray(starts[fold.vertices + 1] - starts[fold.vertices] > inside)
-
-
-def tissue_of(fold: Fold, apart: Floats) -> Tissue:
-    """The fold as the solver sees it, from (vertices,) distances from what crosses, solver's units."""
-    free = apart < FREE * SOFT
-    free[: len(fold.vertices)] &= ~border(fold)
-    edges, crossed = fold.crossings.at(fold.rest_positions)
-    # Triangles without a free corner never touched one.
-    colliding = np.asarray(free[fold.triangles].any(axis=1))
-    colliding[crossed] = False
-    through = np.zeros(len(free), bool)
-    through[fold.crossings.edges[edges]] = True
-    colliding[(through & ~fold.own)[fold.triangles].any(axis=1)] = False
-    tissue = Tissue(fold.rest_positions * UNITS / fold.radius, fold.triangles, colliding, free, fold.own, apart)
-    tissue = tissue.without_touching()
-    return tissue if fold.own.all() else tissue.without_close_meshes()

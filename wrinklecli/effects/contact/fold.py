@@ -18,6 +18,7 @@ from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
+from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import looked_up
@@ -25,7 +26,7 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, flags_of
 from wrinklecli.numeric.closest import nearest_of
-from wrinklecli.numeric.intersections import Crossings
+from wrinklecli.numeric.intersections import Crossings, widened
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
@@ -74,7 +75,9 @@ class Fold:
         fine: The refined surface.
         carried: All tools on the mesh.
         movers: All that moves it beside these.
+        crossed: (vertices,) True for those that cross without contact, in the fold's own motion or in clips.
         others: The parts of other meshes that may touch the fold.
+        parts: The folds of which this is the union; none in a fold of one joint.
     """
 
     patches: tuple[Patch, ...]
@@ -88,8 +91,10 @@ class Fold:
     rest: Rest
     fine: Refinement
     carried: tuple[CarriedPatch, ...]
+    crossed: Bools
     movers: tuple[Mover, ...] = ()
     others: tuple[SkinnedMesh, ...] = ()
+    parts: "tuple[Fold, ...]" = ()
 
     @property
     def per_clip(self) -> bool:
@@ -107,6 +112,67 @@ class Fold:
         """(vertices,) True for those that these tools may move."""
         moved = [self.shared_with(self.carried[number].vertices)[0] for number in self.own_tools]
         return flags_of(np.concatenate([np.zeros(0, np.intp), *moved]), len(self.own))
+
+    @property
+    def crosses(self) -> bool:
+        """True if anything of its own crosses without contact."""
+        return bool(self.crossed[self.own].any())
+
+    def crossing_also(self, further: Ints) -> "Fold":
+        """The same fold where some fine vertices cross, too."""
+        crossed = self.crossed.copy()
+        crossed[: len(self.vertices)] |= np.isin(self.vertices, further)
+        return replace(self, crossed=crossed)
+
+    @cached_property
+    def apart(self) -> Floats:
+        """(vertices,) distance at rest from the vertices that cross, solver's units.
+
+        Where edges are long, a vertex counts as nearer, so that corrections fade over at least `RINGS` edges.
+        """
+        marked, places = self.crossed, self.rest_positions
+        apart = nearest_of(places[marked], places)[0] * UNITS / self.radius
+        for ring in range(1, RINGS + 1):
+            marked, within = widened(self.crossings.edges, marked), marked
+            apart = np.where(marked & ~within, np.minimum(apart, FREE * SOFT * ring / (RINGS + 1)), apart)
+        return apart
+
+    @property
+    def near(self) -> Bools:
+        """(vertices,) True for those so near to what crosses that contact may move them."""
+        return self.apart < FREE * SOFT
+
+    @property
+    def border(self) -> Bools:
+        """(vertices,) True for its mesh's vertices with triangles beyond the fold, which must stay."""
+        inside = np.bincount(self.triangles.reshape(-1), minlength=len(self.own))[: len(self.vertices)]
+        starts = self.fine.around.starts
+        return np.asarray(starts[self.vertices + 1] - starts[self.vertices] > inside)
+
+    @cached_property
+    def tissue(self) -> Tissue:
+        """The fold as the solver sees it."""
+        free = self.near
+        free[: len(self.vertices)] &= ~self.border
+        edges, crossed = self.crossings.at(self.rest_positions)
+        # Triangles without a free corner never touched one.
+        colliding = np.asarray(free[self.triangles].any(axis=1))
+        colliding[crossed] = False
+        through = np.zeros(len(free), bool)
+        through[self.crossings.edges[edges]] = True
+        colliding[(through & ~self.own)[self.triangles].any(axis=1)] = False
+        rest = self.rest_positions * UNITS / self.radius
+        tissue = Tissue(rest, self.triangles, colliding, free, self.own, self.apart).without_touching()
+        return tissue if self.own.all() else tissue.without_close_meshes()
+
+    @property
+    def free_vertices(self) -> Ints:
+        """(free,) sorted fine vertices that the solver may move."""
+        return self.vertices[self.tissue.free_rows]
+
+    def strides(self, clip: Clip, times: Floats) -> Floats:
+        """(frames, parts) angles of the joints at (frames,) seconds of a clip, in strides."""
+        return np.stack([each.hinge.strides(self.rig, clip, times) for each in self.parts or (self,)], axis=1)
 
     @cached_property
     def rest_positions(self) -> Floats:
@@ -251,7 +317,9 @@ def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
             triangles.append(others[-1].triangles + count)
             count += len(others[-1].bind_positions)
     own = np.concatenate([fold.own, np.zeros(count - len(fold.own), bool)])
-    return replace(fold, others=tuple(others), triangles=np.concatenate(triangles), own=own)
+    return replace(
+        fold, others=tuple(others), triangles=np.concatenate(triangles), own=own, crossed=np.zeros(len(own), bool)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,11 +372,15 @@ def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest
         rest=rest,
         fine=fine,
         carried=tuple(site.carried),
+        crossed=np.zeros(len(own), bool),
     )
 
 
 def grown(fold: Fold, further: Ints, distance: float) -> Fold:
-    """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units."""
+    """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units.
+
+    Where it crosses is to be looked for again.
+    """
     fine = fold.fine
     near = nearest_of(fine.rest_positions[further], fine.rest_positions)[0] <= distance
     near[fold.vertices] = True
@@ -322,6 +394,7 @@ def grown(fold: Fold, further: Ints, distance: float) -> Fold:
         vertices=vertices,
         triangles=np.concatenate([triangles, others]),
         own=np.concatenate([own, fold.own[count:]]),
+        crossed=np.zeros(len(vertices) + len(fold.own) - count, bool),
     )
 
 

@@ -14,14 +14,11 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
-from wrinklecli.effects.contact.crease import Crease, Followed, Surface, border
+from wrinklecli.effects.contact.crease import Crease, Followed
 from wrinklecli.effects.contact.fold import Fold
-from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError
+from wrinklecli.effects.contact.given_up import GivenUp
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
-
-# Folds with their distances from what crosses, as `distances_from_crossings` gives these.
-Members = Sequence[tuple[Fold, Floats | None]]
 
 MOST_BYTES = 2**27
 """Bytes of a stored solution at most: 9 shapes of 100,000 vertices, which no solver gets through, take a quarter."""
@@ -44,7 +41,9 @@ class SolvedSystem:
 _RECORDS = {each.__name__: each for each in (SolvedSystem, GivenUp, Crease, Followed, Clip, Channel)}
 
 
-def solution_key(members: Members, clips: Mapping[int, Clip], times: Callable[[Clip], Floats], how: object) -> str:
+def solution_key(
+    members: Sequence[Fold], clips: Mapping[int, Clip], times: Callable[[Clip], Floats], how: object
+) -> str:
     """A digest of all that the solution of some folds depends on, besides this program.
 
     Args:
@@ -60,11 +59,11 @@ def solution_key(members: Members, clips: Mapping[int, Clip], times: Callable[[C
             digest.update(f"{each.shape} {each.dtype.str} ".encode())
             digest.update(each.tobytes())
 
-    digest.update(json.dumps(_plain((members[0][0].rig, clips, how), {}), default=repr).encode())
-    every = np.unique(np.concatenate([fold.vertices for fold, _ in members]))
-    for fold, apart in members:
-        add(np.searchsorted(every, fold.vertices), fold.triangles, fold.own, border(fold), fold.rest_positions)
-        add(fold.pivot, [fold.radius, fold.per_clip], np.zeros(0) if apart is None else apart)
+    digest.update(json.dumps(_plain((members[0].rig, clips, how), {}), default=repr).encode())
+    every = np.unique(np.concatenate([fold.vertices for fold in members]))
+    for fold in members:
+        add(np.searchsorted(every, fold.vertices), fold.triangles, fold.own, fold.border, fold.rest_positions)
+        add(fold.pivot, [fold.radius, fold.per_clip], fold.crossed)
         sweeps = [(each.clip, each.times) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
         for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
             add(moments, *fold.hinge.reading(fold.rig, clip, moments), fold.hinge.strides(fold.rig, clip, moments))
@@ -86,27 +85,19 @@ def _plain(value: Any, numbers: Mapping[int, int]) -> Any:
     return [_plain(each, numbers) for each in value] if isinstance(value, (list, tuple)) else value
 
 
-def written(solved: SolvedSystem, members: Members, clips: Mapping[int, Clip]) -> bytes:
+def written(solved: SolvedSystem, members: Sequence[Fold], clips: Mapping[int, Clip]) -> bytes:
     """The bytes of a solution."""
-    tissues = {id(crease.fold): crease.tissue for crease, _ in solved.spanned}
-    known = [*(fold for fold, _ in members), *(tissues.get(id(fold)) for fold, _ in members), *clips.values()]
-    numbers = {id(each): number for number, each in enumerate(known) if each is not None}
+    numbers = {id(each): number for number, each in enumerate([*members, *clips.values()])}
     return json.dumps(_plain(solved, numbers)).encode()
 
 
-def read(data: bytes, members: Members, clips: Mapping[int, Clip]) -> SolvedSystem:
+def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> SolvedSystem:
     """Read a stored solution.
 
     Raises:
         LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds and clips.
     """
-    tissues = []
-    for fold, apart in members:
-        try:
-            tissues.append(None if apart is None else Surface.of(fold, apart).tissue)
-        except UnresolvedError:
-            tissues.append(None)
-    known: list[Any] = [*(fold for fold, _ in members), *tissues, *clips.values()]
+    known = [*members, *clips.values()]
 
     def value(entry: Any) -> Any:
         if isinstance(entry, list):
@@ -123,10 +114,10 @@ def read(data: bytes, members: Members, clips: Mapping[int, Clip]) -> SolvedSyst
 
     solved: SolvedSystem = value(json.loads(data))
     found = [fold for fold, _ in (*solved.given_up, *((crease.fold, own) for crease, own in solved.spanned))]
-    if {id(each) for each in found} != {id(fold) for fold, apart in members if apart is not None}:
+    if {id(each) for each in found} != {id(fold) for fold in members if fold.crosses}:
         raise ValueError("its folds are others")
     for crease, own in solved.spanned:
-        if crease.shapes.shape[1:] != (len(crease.vertices), 3) or [*own] != [*clips]:
+        if crease.shapes.shape[1:] != (len(crease.fold.free_vertices), 3) or [*own] != [*clips]:
             raise ValueError("its folds or clips are others")
         fitted = [*crease.swept, *own.values()]
         if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in fitted):

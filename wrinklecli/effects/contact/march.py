@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.effects.contact.response import ContactForces, VolumeForces
+from wrinklecli.effects.contact.response import ContactForces, Response, VolumeForces
 from wrinklecli.effects.contact.tissue import SkinnedPose, SolverState, Tissue
 from wrinklecli.numeric.arrays import Bools, Floats, inverses
 
@@ -48,19 +48,24 @@ _HALVINGS = 12
 _DECREASE = 1e-4
 
 
-def march(tissue: Tissue, poses: Iterable[SkinnedPose], start: SolverState | None = None) -> Iterator[SolverState]:
+def march(
+    tissue: Tissue,
+    poses: Iterable[SkinnedPose],
+    start: SolverState | None = None,
+    response: Response | None = None,
+) -> Iterator[SolverState]:
     """Solve poses one after another, each from the correction of the one before, which the skin carries along.
 
     Poses must be near enough to each other for the surface to follow. Without a start, the first pose begins the march
-    and must cross nothing.
+    and must cross nothing. A `response` knows what touched before.
     """
-    state = start
+    state, response = start, response or tissue.response()
     for posed in poses:
-        state = SolverState(posed.positions, posed) if state is None else _solve(tissue, state, posed)
+        state = SolverState(posed.positions, posed) if state is None else _solve(tissue, response, state, posed)
         yield state
 
 
-def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverState:
+def _solve(tissue: Tissue, response: Response, state: SolverState, posed: SkinnedPose) -> SolverState:
     """Move to the next pose."""
     carried, correction = np.zeros_like(posed.positions), state.correction
     rows = np.flatnonzero(correction.any(axis=1))
@@ -68,7 +73,7 @@ def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverStat
     carried[rows] = np.einsum("vij,vj->vi", turns, correction[rows])
     wanted = posed.positions + carried
     if carried.any() and np.abs(wanted - state.positions).max() > _STRAIGHT:
-        return _newton(tissue, state.positions, posed, tissue.collisions(state.positions))
+        return _newton(tissue, response, state.positions, posed, tissue.collisions(state.positions))
     step = tissue.step(state.positions, wanted)
     fraction = step.free_fraction()
     positions = state.positions + fraction * (wanted - state.positions)
@@ -76,10 +81,10 @@ def _solve(tissue: Tissue, state: SolverState, posed: SkinnedPose) -> SolverStat
     if fraction >= 1.0 and not len(near) and not carried.any():
         # Exactly the pose: the way there and back rounds.
         return SolverState(posed.positions, posed)
-    return _newton(tissue, positions, posed, near)
+    return _newton(tissue, response, positions, posed, near)
 
 
-def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) -> SolverState:
+def _newton(tissue: Tissue, response: Response, positions: Floats, posed: SkinnedPose, near: Any) -> SolverState:
     """Lower the energy by projected Newton steps, none of which lets anything pass through anything."""
     volumes = tissue.pieces.volumes(posed.positions)
     energy = _energy(tissue, positions, posed, volumes, near)
@@ -87,7 +92,7 @@ def _newton(tissue: Tissue, positions: Floats, posed: SkinnedPose, near: Any) ->
     held = ~tissue.free
     for _ in range(_STEPS):
         steps += 1
-        direction, slope = _direction(tissue, positions, posed, volumes, near)
+        direction, slope = _direction(tissue, response, positions, posed, volumes, near)
         arriving = np.abs((posed.positions - positions)[held]).max(initial=0.0) > _ARRIVED
         if not arriving and np.abs(direction).max() < (_SETTLED if len(near) else _SETTLED_APART):
             settled = True
@@ -137,7 +142,7 @@ def _energy(tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floa
 
 
 def _direction(
-    tissue: Tissue, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any
+    tissue: Tissue, response: Response, positions: Floats, posed: SkinnedPose, volumes: Floats, near: Any
 ) -> tuple[Floats, float]:
     """(vertices, 3) Newton step, which takes vertices that are not free to their places, and the energy's slope."""
     free, touching = tissue.free, tissue.rows
@@ -162,7 +167,7 @@ def _direction(
         hessian[:, coordinates],
         correction[rows],
     )
-    direction[free] = tissue.response.equilibrium(contacts, resisting) - correction[free]
+    direction[free] = response.equilibrium(contacts, resisting) - correction[free]
     if not np.isfinite(direction).all():
         raise FloatingPointError("a step of contact is no number")
     gradient = tissue.stiffness @ correction + np.tensordot(tissue.pressures * excess, gradients, axes=1) + barrier

@@ -111,7 +111,7 @@ def shown_in(
     clip, times = followed[0].clip, followed[0].times
     moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
     looks = [_Look(each.fold, each.counting, clip, times, tuple(moves), tuple(beside)) for each in creases]
-    strides = np.stack([each.fold.hinge.strides(each.fold.rig, clip, times) for each in creases])
+    strides = np.concatenate([each.fold.strides(clip, times).T for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
     torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
     unsettled = [frame for each in followed for frame in each.faults]
@@ -143,7 +143,7 @@ def heights_without(fold: Fold, clip: Clip) -> Rows:
     times = distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))
     look, frames = _Look(fold, fold.raised, clip, times), np.arange(len(times))
     bad = np.flatnonzero(look.worse(look.crossings(frames, 0.0, 1.0)))
-    _, low, _ = _faded([look], fold.hinge.strides(fold.rig, clip, times)[None], bad, frames, {*range(len(times))})
+    _, low, _ = _faded([look], fold.strides(clip, times).T, bad, frames, {*range(len(times))})
     return Rows(times, low[:, None])
 
 

@@ -5,14 +5,13 @@ gave way would lose the volume that a contact squeezes away, where flesh bulges 
 held at that of the skinned pose, in which overlapping parts count twice.
 """
 
-from copy import copy
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, cross, dot
-from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import laplacian, vertex_areas
 from wrinklecli.numeric.portions import portions
 
@@ -158,27 +157,19 @@ class Response:
     solved for once, so a step solves a dense system of those directions and factorises nothing large. (Factors by
     SuperLU in each step took five times as long, and a system of all coordinates of touching vertices three times.)
 
+    Each march has its own: what touches first decides the last bits of all movements.
+
     Args:
-        stiffness: (free, free) sparse.
+        moves_under: Gives (free, columns) movements under as many forces, one coordinate for each column.
+        count: Number of free vertices.
     """
 
-    def __init__(self, stiffness: Any) -> None:
-        self._factors = factorised(stiffness.tocsc())
+    def __init__(self, moves_under: Callable[[Floats], Floats], count: int) -> None:
+        self._moves_under = moves_under
         # Index of each vertex among those that ever touched, and the movements of all these under a unit force on each.
-        self._known = np.full(stiffness.shape[0], -1, np.intp)
+        self._known = np.full(count, -1, np.intp)
         self._vertices = np.zeros(0, np.intp)
         self._gains = np.zeros((0, 0))
-
-    def again(self) -> "Response":
-        """The same response before anything has touched: what touches first decides the last bits of all movements."""
-        fresh = copy(self)
-        fresh._known = np.full(len(self._known), -1, np.intp)
-        fresh._vertices, fresh._gains = np.zeros(0, np.intp), np.zeros((0, 0))
-        return fresh
-
-    def moves_under(self, forces: Floats) -> Floats:
-        """(free, columns) movements of the free vertices, one coordinate for each column of forces."""
-        return np.asarray(self._factors.solve(np.asfortranarray(forces)))
 
     def equilibrium(self, contacts: ContactForces, volume: VolumeForces) -> Floats:
         """(free, 3) positions, relative to the skinned ones, at which the forces of contacts and volumes balance.
@@ -215,7 +206,7 @@ class Response:
         )
         forces = -np.tensordot(pressures, volume.gradients, axes=1)
         forces[contacts.vertices] += contacts.forces + (along @ (alone + under @ pressures)).reshape(-1, 3)
-        return self.moves_under(forces)
+        return self._moves_under(forces)
 
     def _add(self, fresh: Ints) -> None:
         """Add vertices to those that ever touched."""
@@ -227,7 +218,7 @@ class Response:
         for some in (fresh[part] for part in portions(len(fresh), len(self._known))):
             units = np.zeros((len(self._known), len(some)))
             units[some, np.arange(len(some))] = 1.0
-            found = self.moves_under(units)[self._vertices]
+            found = self._moves_under(units)[self._vertices]
             columns = self._known[some]
             grown[:, columns] = found
             grown[columns] = found.T

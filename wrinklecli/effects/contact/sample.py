@@ -15,7 +15,7 @@ from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
-from wrinklecli.effects.contact.given_up import GivenUp, UnresolvedError, degenerate_given_up
+from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, UnresolvedError, degenerate_given_up
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
@@ -24,7 +24,7 @@ from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
 from wrinklecli.effects.wrinkle.effect import WrinkleWords, lowered_in_clips
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
         Crease,
         Followed,
         MarchedClip,
-        Surface,
     )
     from wrinklecli.effects.contact.fold import Fold
     from wrinklecli.effects.contact.kept import SolvedSystem
@@ -99,7 +98,7 @@ def resolve_folds(
 
 
 def _refuse_large(
-    systems: "Sequence[list[tuple[Fold, Floats | None]]]",
+    systems: "Sequence[list[Fold]]",
     clips: Sequence[Clip],
     how: SamplingOptions,
     at_once: int,
@@ -114,7 +113,7 @@ def _refuse_large(
     longest = max((1 + int((clip.end - clip.start) * how.fps) for clip in clips), default=0)
     needs = []
     for members in systems:
-        folds = [fold for fold, apart in members if apart is not None]
+        folds = [fold for fold in members if fold.crosses]
         sweeps = [sweep for fold in folds for sweep in (*fold.hinge.straight, *fold.hinge.leaning)]
         frames = longest + sum(len(each.times) for each in sweeps)
         vertices = sum(len(fold.vertices) for fold in folds)
@@ -158,15 +157,13 @@ class _Clips:
         return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(folds, clip, self.fps)
 
 
-def _solved_systems(
-    systems: "Sequence[list[tuple[Fold, Floats | None]]]", clips: _Clips, jobs: int
-) -> "Iterator[SolvedSystem]":
+def _solved_systems(systems: "Sequence[list[Fold]]", clips: _Clips, jobs: int) -> "Iterator[SolvedSystem]":
     """Find the systems that are kept, and resolve the others in so many processes."""
     from wrinklecli.effects.contact.kept import MOST_BYTES, read, solution_key, written
 
     keys, known = list[str](), dict[int, "SolvedSystem"]()
     for number, members in enumerate(systems if is_kept() else ()):
-        times = partial(clips.times_for, [fold for fold, _ in members])
+        times = partial(clips.times_for, members)
         keys.append(solution_key(members, clips.moving, times, [clips.fps, clips.even]))
         reading = partial(read, members=members, clips=clips.moving)
         solved = kept_solution(keys[-1], reading, what="a solution of these folds", most=MOST_BYTES)
@@ -175,7 +172,7 @@ def _solved_systems(
     unknown = [members for number, members in enumerate(systems) if number not in known]
     # Processes beyond one for each system solve its folds, their sweeps and its clips.
     work = partial(_solved_system, clips=clips, jobs=max(1, jobs // max(1, len(unknown))))
-    shared = [*(fold for members in unknown for fold, _ in members), *clips.moving.values()]
+    shared = [*(fold for members in unknown for fold in members), *clips.moving.values()]
     fresh = in_processes(work, unknown, jobs, shared=shared, size=_free_count)
     for number, members in enumerate(systems):
         if number in known:
@@ -187,47 +184,58 @@ def _solved_systems(
             yield solved
 
 
-def _solved_system(members: "list[tuple[Fold, Floats | None]]", *, clips: _Clips, jobs: int) -> "SolvedSystem":
+def _solved_system(members: "list[Fold]", *, clips: _Clips, jobs: int) -> "SolvedSystem":
     """Resolve the folds of a system, and solve and follow the clips.
 
     The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
     clips are solved beside the sweeps whose axes lean, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import Surface
+    from wrinklecli.effects.contact.crease import given_up_by, march_clip
     from wrinklecli.effects.contact.kept import SolvedSystem
 
-    crossing = [(fold, apart) for fold, apart in members if apart is not None]
-    ready = [_outcome(partial(Surface.of, *each)) for each in crossing]
-    surfaces = [each for each in ready if not isinstance(each, GivenUp)]
-    given_up = [(fold, each) for (fold, _), each in zip(crossing, ready, strict=True) if isinstance(each, GivenUp)]
-    shared = [part for each in surfaces for part in (each.fold, each.tissue)]
-    straight = [partial(each.sweep, sweep) for each in surfaces for sweep in each.fold.hinge.straight]
+    crossing = [fold for fold in members if fold.crosses]
+    reasons = [_outcome(partial(_prepare, fold)) for fold in crossing]
+    ready = [fold for fold, reason in zip(crossing, reasons, strict=True) if reason is None]
+    given_up = [(fold, reason) for fold, reason in zip(crossing, reasons, strict=True) if reason is not None]
+    shared = [part for fold in ready for part in (fold, fold.tissue)]
+    straight = [partial(march_clip, fold, *sweep) for fold in ready for sweep in fold.hinge.straight]
     found = iter([*in_processes(call, straight, jobs, shared=shared)])
-    sound: list[tuple[Surface, list[MarchedClip]]] = []
-    for surface in surfaces:
-        sweeps = [next(found) for _ in surface.fold.hinge.straight]
-        reason = surface.given_up(sweeps)
+    sound: list[tuple[Fold, list[MarchedClip]]] = []
+    for fold in ready:
+        sweeps = [next(found) for _ in fold.hinge.straight]
+        reason = given_up_by(fold, sweeps)
         if reason is None:
-            sound.append((surface, sweeps))
+            sound.append((fold, sweeps))
         else:
-            given_up.append((surface.fold, reason))
+            given_up.append((fold, reason))
     if not sound:
         return SolvedSystem(given_up, [])
-    solver = _Solver([surface for surface, _ in sound], clips)
-    leaning = [partial(each.sweep, sweep) for each, _ in sound for sweep in each.fold.hinge.leaning]
+    solver = _Solver([fold for fold, _ in sound], clips)
+    leaning = [partial(march_clip, fold, *sweep) for fold, _ in sound for sweep in fold.hinge.leaning]
     # Clips take longest, so they are begun first.
     work: list[Callable[[], MarchedClip]] = [*solver.work, *leaning]
     with closing(in_processes(call, work, jobs, shared=solver.shared)) as results:
         solver.keep(results)
-        for surface, sweeps in sound:
-            sweeps += [next(results) for _ in surface.fold.hinge.leaning]
+        for fold, sweeps in sound:
+            sweeps += [next(results) for _ in fold.hinge.leaning]
     spanned: list[tuple[Crease, dict[int, Followed]]] = []
-    for each in sound:
-        fit = _outcome(partial(_spanned, *each, spanned, solver))
+    for fold, sweeps in sound:
+        fit = _outcome(partial(_spanned, fold, sweeps, spanned, solver))
         if isinstance(fit, GivenUp):
-            return SolvedSystem([*given_up, *((surface.fold, fit) for surface, _ in sound)], [])
+            return SolvedSystem([*given_up, *((fold, fit) for fold, _ in sound)], [])
         spanned.append(fit)
     return SolvedSystem(given_up, spanned)
+
+
+def _prepare(fold: "Fold") -> None:
+    """Make a fold ready for the solver, once for all processes.
+
+    Raises:
+        UnresolvedError: All of it crosses at rest.
+    """
+    fold.tissue.prepare()
+    if not fold.tissue.colliding.any():
+        raise UnresolvedError(GivenUp(DEGENERATE))
 
 
 def _outcome(work: Callable[[], _Result]) -> _Result | GivenUp:
@@ -239,100 +247,65 @@ def _outcome(work: Callable[[], _Result]) -> _Result | GivenUp:
         return error.given_up
 
 
-def _free_count(members: "Sequence[tuple[Fold, Floats | None]]") -> int:
+def _free_count(members: "Sequence[Fold]") -> int:
     """Number of vertices that contact may move in the folds of a system: about what it costs."""
-    from wrinklecli.effects.contact.tissue import FREE, SOFT
-
-    return sum(int(np.count_nonzero(apart < FREE * SOFT)) for _, apart in members if apart is not None)
+    return sum(int(np.count_nonzero(fold.near)) for fold in members if fold.crosses)
 
 
-def _systems(folds: "Sequence[Fold]", clips: Sequence[Clip]) -> "list[list[tuple[Fold, Floats | None]]]":
-    """The folds that are solved together, each with its distances from what crosses; None if nothing does."""
+def _systems(folds: "Sequence[Fold]", clips: Sequence[Clip]) -> "list[list[Fold]]":
+    """The folds that are solved together, with all that crosses in them."""
     from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
 
     clips = clips if all(fold.per_clip for fold in folds) else []
-    whole = [_Whole.of(fold, clips) for fold in folds]
+    whole = [_with_crossings(fold, clips) for fold in folds]
     hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
     touching = [
         (hinged[one], hinged[two], vertices)
-        for one, two, vertices in touching_in_clips([whole[number].fold for number in hinged], clips)
+        for one, two, vertices in touching_in_clips([whole[number] for number in hinged], clips)
     ]
     near = [
-        (one, two, None)
+        (one, two, np.zeros(0, np.intp))
         for one, two in combinations(hinged, 2)
-        if near_each_other(whole[one].member, whole[two].member)
+        if whole[one].crosses and whole[two].crosses and near_each_other(whole[one], whole[two])
     ]
     pairs: list[tuple[int, int]] = []
     for one, two, crossing in (*near, *touching):
         more = [*pairs, (one, two)]
-        if max(map(len, (each for each in grouped(len(folds), more) if one in each))) > _MOST_TOGETHER:
-            continue
-        pairs = more
-        if crossing is not None:
-            whole[one], whole[two] = whole[one].crossing(crossing), whole[two].crossing(crossing)
-    pairs = [(one, two) for one, two in pairs if whole[one].apart is not None and whole[two].apart is not None]
-    return [_as_thick([whole[number].member for number in each]) for each in grouped(len(folds), pairs)]
+        if max(map(len, (each for each in grouped(len(folds), more) if one in each))) <= _MOST_TOGETHER:
+            pairs = more
+            whole[one], whole[two] = whole[one].crossing_also(crossing), whole[two].crossing_also(crossing)
+    pairs = [(one, two) for one, two in pairs if whole[one].crosses and whole[two].crosses]
+    return [_as_thick([whole[number] for number in each]) for each in grouped(len(folds), pairs)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Whole:
-    """A fold with all that its free vertices cross in clips.
+def _with_crossings(fold: "Fold", clips: Sequence[Clip]) -> "Fold":
+    """A fold with what crosses in its own motion, or else in clips, and with what else crosses that in clips."""
+    from wrinklecli.effects.contact.system import crossing_in_clips, crossing_in_sweeps, holding_contacts
 
-    Attributes:
-        further: Fine vertices that cross in clips and not in the fold's own motion.
-        apart: Distances from what crosses, as `distances_from_crossings` gives them.
-    """
-
-    fold: "Fold"
-    further: Ints
-    apart: Floats | None
-
-    @classmethod
-    def of(cls, fold: "Fold", clips: Sequence[Clip]) -> "_Whole":
-        """Find what crosses in the fold's own motion, or else in clips, and then what else crosses that in clips."""
-        from wrinklecli.effects.contact.crease import distances_from_crossings
-        from wrinklecli.effects.contact.system import crossing_in_clips, holding_contacts
-
-        found = cls(fold, np.zeros(0, np.intp), distances_from_crossings(fold))
-        if found.apart is None and clips:
-            found = found.crossing(crossing_in_clips(fold, clips))
-        for _ in range(_GROWTHS):
-            if found.apart is None:
-                break
-            held, fresh = holding_contacts(found.fold, found.apart, clips)
-            if not len(fresh):
-                break
-            found = replace(found, fold=held).crossing(fresh)
-        return found
-
-    @property
-    def member(self) -> "tuple[Fold, Floats | None]":
-        """The fold and the distances."""
-        return self.fold, self.apart
-
-    def crossing(self, further: Ints) -> "_Whole":
-        """The same fold with more vertices that cross."""
-        from wrinklecli.effects.contact.crease import distances_from_crossings
-
-        every = np.union1d(self.further, further)
-        return replace(self, further=every, apart=distances_from_crossings(self.fold, every))
+    further = np.zeros(0, np.intp)
+    fold = replace(fold, crossed=crossing_in_sweeps(fold))
+    if not fold.crosses:
+        further = crossing_in_clips(fold, clips)
+        fold = fold.crossing_also(further)
+    for _ in range(_GROWTHS if fold.crosses else 0):
+        held, fresh = holding_contacts(fold, clips)
+        if not len(fresh):
+            break
+        further = np.union1d(further, fresh)
+        fold = replace(held, crossed=crossing_in_sweeps(held)).crossing_also(further)
+    return fold
 
 
-def _as_thick(members: "list[tuple[Fold, Floats | None]]") -> "list[tuple[Fold, Floats | None]]":
+def _as_thick(folds: "list[Fold]") -> "list[Fold]":
     """Folds that are solved together, in units of their mean thickness."""
-    if len(members) < 2:
-        return members
-    radius = float(np.mean([fold.radius for fold, _ in members]))
-    return [
-        (replace(fold, radius=radius), None if apart is None else apart * (fold.radius / radius))
-        for fold, apart in members
-    ]
+    radius = float(np.mean([fold.radius for fold in folds]))
+    return [replace(fold, radius=radius) for fold in folds] if len(folds) > 1 else folds
 
 
 def _given_up(
     plan: MeshPlan,
     fold: "Fold",
-    members: "Sequence[tuple[Fold, Floats | None]]",
+    members: "Sequence[Fold]",
     effects: Sequence[Effect],
     given_up: GivenUp,
     clips: _Clips,
@@ -342,7 +315,7 @@ def _given_up(
 
     joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
     tools = tuple(patch.tool.name for patch in fold.patches)
-    beside = tuple(patch.tool.name for each, _ in members for patch in each.patches if patch.tool.name not in tools)
+    beside = tuple(patch.tool.name for each in members for patch in each.patches if patch.tool.name not in tools)
     name = _identifier(plan, fold, effects)
     kept = {number: heights_without(fold, clip) for number, clip in clips.moving.items()}
     heights = {clip.name: kept[first] for clip, first in clips.named if (kept[first].weights < 1.0).any()}
@@ -352,13 +325,12 @@ def _given_up(
 class _Solver:
     """Solves clips for folds that are solved together, and keeps as many solutions as memory allows."""
 
-    def __init__(self, surfaces: "Sequence[Surface]", clips: _Clips) -> None:
+    def __init__(self, folds: "Sequence[Fold]", clips: _Clips) -> None:
         from wrinklecli.effects.contact.system import System
 
-        self._system, self.clips = System(tuple(surfaces)), clips.moving
-        folds = [each.fold for each in surfaces]
+        self._system, self.clips = System(tuple(folds)), clips.moving
         self._times = {number: clips.times_for(folds, clip) for number, clip in self.clips.items()}
-        size = sum(_VERTEX_BYTES * len(each.fold.vertices) + _FREE_BYTES * len(each.vertices) for each in surfaces)
+        size = sum(_VERTEX_BYTES * len(each.vertices) + _FREE_BYTES * len(each.free_vertices) for each in folds)
         frames = np.cumsum([len(times) for times in self._times.values()])
         # Clips beyond these are solved again whenever they are asked for.
         self._numbers = [*self.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
@@ -372,7 +344,7 @@ class _Solver:
     @property
     def shared(self) -> list[object]:
         """The objects that the solutions of clips and of sweeps refer to."""
-        return self._system.parts(self.clips.values())
+        return self._system.shared(self.clips.values())
 
     def keep(self, solved: "Iterator[MarchedClip]") -> None:
         """Keep the results of `work`, the first of some."""
@@ -384,7 +356,9 @@ class _Solver:
         return self._system.part(len(fitted), self.kept.get(number) or self._march(number), fitted)
 
     def _march(self, number: int) -> "MarchedClip":
-        return self._system.march(self.clips[number], self._times[number])
+        from wrinklecli.effects.contact.crease import march_clip
+
+        return march_clip(self._system.fold, self.clips[number], self._times[number])
 
 
 def _followed(
@@ -429,7 +403,7 @@ def _followed(
 
 
 def _spanned(
-    surface: "Surface", sweeps: "Sequence[MarchedClip]", before: _Spanned, solver: _Solver
+    fold: "Fold", sweeps: "Sequence[MarchedClip]", before: _Spanned, solver: _Solver
 ) -> "tuple[Crease, dict[int, Followed]]":
     """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips."""
     from wrinklecli.effects.contact.crease import resolve
@@ -440,14 +414,14 @@ def _spanned(
         return every.get(number) or solver.part(before, number)
 
     chosen = [pose for each in sweeps for pose in each.poses(_some(each.touching))]
-    for number in solver.clips if surface.fold.per_clip else ():
+    for number in solver.clips if fold.per_clip else ():
         solved = part(number)
         chosen += solved.poses(_some(solved.touching))
     found: list[tuple[Crease, dict[int, Followed], tuple[int, int]]] = []
     for _ in range(_ROUNDS):
         # More poses hardly ever need fewer shapes.
         fewest = max((len(each.shapes) for each, *_ in found), default=1)
-        crease = resolve(surface, chosen, sweeps, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
+        crease = resolve(fold, chosen, sweeps, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
         chosen += [
             pose
             for each, solved in zip(crease.swept, sweeps, strict=True)
@@ -457,9 +431,9 @@ def _spanned(
         for number in solver.clips:
             solved = part(number)
             followed[number] = crease.follow(solved)
-            if surface.fold.per_clip:
+            if fold.per_clip:
                 chosen += solved.poses(_some(followed[number].unspanned))
-        fitted = [*crease.swept, *(followed.values() if surface.fold.per_clip else ())]
+        fitted = [*crease.swept, *(followed.values() if fold.per_clip else ())]
         # The frames in which shapes leave crossings, and those in which they also take volume away.
         wrong = sum(len(each.crossing) for each in fitted), sum(len(each.unspanned) for each in fitted)
         found.append((crease, followed, wrong))
@@ -483,7 +457,7 @@ def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> E
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(
         plan.fine,
-        crease.vertices,
+        crease.fold.free_vertices,
         crease.shapes,
         tallest=plan.scale * crease.sizes,
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
@@ -537,12 +511,11 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
 
 def _march_times(folds: "Sequence[Fold]", clip: Clip, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
-    rig = folds[0].rig
-    grid = clip_grid(clip, rig, fps=fps)
+    grid = clip_grid(clip, folds[0].rig, fps=fps)
     if len(grid) < 2:
         return grid
-    strides = np.stack([each.hinge.strides(rig, clip, grid) for each in folds])
-    parts = np.ceil(np.abs(np.diff(strides, axis=1)).max(axis=0)).astype(int)
+    strides = np.concatenate([each.strides(clip, grid) for each in folds], axis=1)
+    parts = np.ceil(np.abs(np.diff(strides, axis=0)).max(axis=1)).astype(int)
     # No player distinguishes closer times.
     parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
     steps = zip(grid[:-1], grid[1:], parts, strict=True)

@@ -18,9 +18,10 @@ from wrinklecli.effects.contact.given_up import (
 )
 from wrinklecli.effects.contact.hinge import STRIDE
 from wrinklecli.effects.contact.march import march
+from wrinklecli.effects.contact.response import Response
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, inverses, unit
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, inverses, unit
 from wrinklecli.numeric.intersections import widened
 
 # Poses are solved a stride of a hinge apart, as far as players look up between two rows, or where the surface has moved
@@ -63,7 +64,7 @@ class Solution:
         outward: (free, 3) unit directions in which the barrier pushes, solver's units; 0 where nothing is near.
         positions: (vertices, 3) skinned positions, solver's units.
         matrices: (free, 3, 3) from bind space to solver's units.
-        state: The solver's state, from which other poses start.
+        fault: The reason why contact does not count in the pose; None if it does.
         between: If the pose is not solved, the numbers of two that are, and its part of the way between these.
     """
 
@@ -73,18 +74,13 @@ class Solution:
     outward: Floats
     positions: Floats
     matrices: Floats
-    state: SolverState
+    fault: str | None = None
     between: tuple[int, int, float] | None = None
 
     @property
     def touches(self) -> bool:
         """True if contact moves anything."""
         return bool(self.moved.any())
-
-    @property
-    def fault(self) -> str | None:
-        """The reason why contact does not count in the pose; None if it does."""
-        return self.state.fault or (None if self.state.converged else UNSETTLED)
 
     @property
     def greatest_move(self) -> float:
@@ -102,14 +98,14 @@ class Solution:
 
     def with_neighbours(self, marked: Bools) -> Bools:
         """(free,) the marked vertices and their neighbours."""
-        rows, every = free_rows(self.tissue), np.zeros(len(self.positions), bool)
+        rows, every = self.tissue.free_rows, np.zeros(len(self.positions), bool)
         every[rows] = marked
         return widened(self.tissue.edges, every)[rows]
 
     def positions_under(self, moved: Floats) -> Floats:
         """(vertices, 3) positions of all vertices under another move, solver's units."""
         positions = self.positions.copy()
-        positions[free_rows(self.tissue)] += np.einsum("vij,vj->vi", self.matrices, moved)
+        positions[self.tissue.free_rows] += np.einsum("vij,vj->vi", self.matrices, moved)
         return positions
 
     @property
@@ -120,7 +116,7 @@ class Solution:
     def crossing(self, moved: Floats) -> Bools:
         """(free,) vertices that cross under another move and not in the solution."""
         marked = self.tissue.crossing(self.positions_under(moved))
-        return marked[free_rows(self.tissue)] & ~self._own_crossings if marked.any() else np.zeros(len(moved), bool)
+        return marked[self.tissue.free_rows] & ~self._own_crossings if marked.any() else np.zeros(len(moved), bool)
 
     def volume_change(self, moved: Floats) -> float:
         """Volume that another move adds, relative to that of a limb as long as it is thick."""
@@ -135,7 +131,7 @@ class Solution:
         """
         pushed = np.sum(self.tissue.pieces.gradients(self.positions_under(self.moved)), axis=0)
         scale = np.sqrt(np.mean(np.sum(self.matrices**2, axis=(1, 2))) / 3.0)
-        gradient = np.einsum("vij,vi->vj", self.matrices, pushed[free_rows(self.tissue)]) / (scale * _VOLUME)
+        gradient = np.einsum("vij,vi->vj", self.matrices, pushed[self.tissue.free_rows]) / (scale * _VOLUME)
         return gradient, float(np.sum(gradient * self.moved)) - self.volume_change(self.moved) / scale
 
     def opened(self, moved: Floats) -> Floats:
@@ -151,15 +147,10 @@ class Solution:
         """True if another move tears the surface."""
         return self.tissue.tears(self.positions, self.positions_under(moved))
 
-    def settled_in(self, tissue: Tissue) -> "Solution":
-        """The same solution, of another copy of the tissue, from which no pose starts any more."""
-        state = replace(self.state, posed=SkinnedPose(self.positions, self.matrices), near=None)
-        return replace(self, tissue=tissue, state=state)
-
     @cached_property
     def _own_crossings(self) -> Bools:
         """(free,) vertices that cross in the solution."""
-        return self.tissue.crossing(self.positions_under(self.moved))[free_rows(self.tissue)]
+        return self.tissue.crossing(self.positions_under(self.moved))[self.tissue.free_rows]
 
 
 @dataclass(slots=True)
@@ -201,31 +192,32 @@ class March:
 
     Attributes:
         fold: The fold.
-        tissue: Its surface.
+        response: That of its surface in one clip.
         reached: The solved poses from which others start.
         steps: The solver's steps so far.
-        fault: The reason why the last pose does not count; None if it does.
+        fault: The reason why poses that are not solved do not count: that of the last one that was.
         spans: The pairs of solved poses between which others lie.
         count: Number of poses so far.
     """
 
     fold: Fold
-    tissue: Tissue
+    response: Response
     reached: "list[_Reached]" = field(default_factory=list)
     steps: Steps = field(default_factory=Steps)
-    fault: str | None = None
+    fault: str = UNSETTLED
     spans: "list[_Span]" = field(default_factory=list)
     count: int = 0
 
     def through(self, clip: Clip, times: Floats, strides: Floats) -> Iterator[Solution]:
         """Solve the fold at (frames,) seconds of a clip, with (frames, hinges) angles there, in strides."""
-        poses, ahead, last = _poses(self.fold, self.tissue, clip, times), list[SkinnedPose](), None
+        poses, ahead, last = _poses(self.fold, clip, times), list[SkinnedPose](), None
         touching = bool(self.reached) and bool(self.reached[-1].state.correction.any())
         before = self.count
         while ahead := [*ahead, *islice(poses, max(_AHEAD - len(ahead), 0))]:
-            if not touching and self.tissue.is_clear(ahead[:_AHEAD][-1].positions):
-                found = [self._solution(SolverState(posed.positions, posed)) for posed in ahead[:_AHEAD]]
-                self._keep(found[-1].state, self.reached[-1] if self.reached else None)
+            if not touching and self.fold.tissue.is_clear(ahead[:_AHEAD][-1].positions):
+                states = [SolverState(posed.positions, posed) for posed in ahead[:_AHEAD]]
+                found = [*map(self._solution, states)]
+                self._keep(states[-1], self.reached[-1] if self.reached else None)
             else:
                 ahead += islice(poses, _MOST_AT_ONCE - len(ahead))
                 found = self._solved(ahead, last, strides[max(self.count - before - 1, 0) :])
@@ -243,7 +235,7 @@ class March:
         first = self._between(poses[0])
         if first is not None or last.between is not None:
             return [first or self._solve(poses[0])]
-        moves, rows = list[float](), self.tissue.rows
+        moves, rows = list[float](), self.fold.tissue.rows
         for posed, turns in zip(poses, strides[1:], strict=False):
             apart = _apart(posed.positions[rows], last.positions[rows])
             moved = max(apart / _STEP, float(np.abs(turns - strides[0]).max()))
@@ -260,7 +252,7 @@ class March:
 
     def _between(self, posed: SkinnedPose) -> Solution | None:
         """The mean of two solutions between which a pose lies; None if there are none, or something would cross."""
-        rows, least, found = self.tissue.rows, _DETOUR, None
+        rows, least, found = self.fold.tissue.rows, _DETOUR, None
         places = posed.positions[rows]
         for span in self.spans:
             before, after = (_apart(places, each.positions[rows]) for each in (span.first, span.second))
@@ -294,28 +286,30 @@ class March:
             key=lambda each: each[0],
             default=(0.0, None),
         )
+        fault = UNSETTLED
         if (nearest is None or apart < nearest.reach) and self.steps.suffice:
             try:
                 with degenerate_given_up():
-                    (state,) = march(self.tissue, [posed], None if nearest is None else nearest.state)
+                    start = None if nearest is None else nearest.state
+                    (state,) = march(self.fold.tissue, [posed], start, self.response)
             except UnresolvedError as error:
-                state = SolverState(posed.positions, posed, converged=False, fault=str(error))
-            if state.converged and state.correction.any() and self.tissue.tears(posed.positions, state.positions):
-                state = replace(state, converged=False, fault=TORN)
+                state, fault = SolverState(posed.positions, posed, converged=False), str(error)
+            if state.converged and state.correction.any() and self.fold.tissue.tears(posed.positions, state.positions):
+                state, fault = replace(state, converged=False), TORN
             self.steps.count(state)
-            self.fault = state.fault if self.steps.suffice else TOO_MANY_STEPS
+            self.fault = fault if self.steps.suffice else TOO_MANY_STEPS
         else:
-            clear = self.tissue.is_clear(posed.positions)
-            state = SolverState(posed.positions, posed, converged=clear, fault=None if clear else self.fault)
+            state = SolverState(posed.positions, posed, converged=self.fold.tissue.is_clear(posed.positions))
+            fault = self.fault
         if state.converged:
             self._keep(state, nearest)
         elif nearest is not None:
             nearest.reach = min(nearest.reach, apart)
-        return self._solution(state)
+        return self._solution(state, None if state.converged else fault)
 
-    def _solution(self, state: SolverState) -> Solution:
+    def _solution(self, state: SolverState, fault: str | None = None) -> Solution:
         """The solution of a solver's state, in bind space."""
-        tissue, rows = self.tissue, free_rows(self.tissue)
+        tissue, rows = self.fold.tissue, self.fold.tissue.free_rows
         matrices = UNITS / self.fold.radius * state.posed.matrices[rows]
         correction = state.correction[rows]
         moved, outward, shares = np.zeros_like(correction), np.zeros_like(correction), np.full(len(rows), _LEAST_WEIGHT)
@@ -325,7 +319,7 @@ class March:
             forces = tissue.forces(state)
             shares = _error_weights(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
-        return Solution(tissue, moved, shares, outward, state.posed.positions, matrices, state)
+        return Solution(tissue, moved, shares, outward, state.posed.positions, matrices, fault)
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,14 +348,9 @@ def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
     return weights
 
 
-def free_rows(tissue: Tissue) -> Ints:
-    """(free,) sorted vertices of the fold's own mesh that the solver may move."""
-    return np.flatnonzero(tissue.free & tissue.own)
-
-
-def is_clear(fold: Fold, tissue: Tissue, clip: Clip | None, time: float) -> bool:
+def is_clear(fold: Fold, clip: Clip | None, time: float) -> bool:
     """True if nothing is near at a time of a clip."""
-    return tissue.is_clear(next(_poses(fold, tissue, clip, np.array([time]))).positions)
+    return fold.tissue.is_clear(next(_poses(fold, clip, np.array([time]))).positions)
 
 
 @dataclass(slots=True)
@@ -382,13 +371,13 @@ class _Reached:
         return alike and _apart(other.posed.positions, self.state.posed.positions) < _APART
 
 
-def _poses(fold: Fold, tissue: Tissue, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:
+def _poses(fold: Fold, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:
     """Pose the wrinkled surface, in a frame in which the surface round the joint stays where it is at rest."""
     scale = UNITS / fold.radius
     apart = np.sqrt(np.sum((fold.rest_positions - fold.pivot) ** 2, axis=1)) / fold.radius
     weights = np.where(fold.own, 1.0 / (1.0 + apart**2), 0.0)
     for positions, matrices in fold.poses(clip, times):
-        turn, shift = _aligned(scale * positions, tissue.rest, weights)
+        turn, shift = _aligned(scale * positions, fold.tissue.rest, weights)
         yield SkinnedPose(scale * positions @ turn.T + shift, turn @ matrices)
 
 

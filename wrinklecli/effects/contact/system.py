@@ -14,14 +14,16 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import Crease, MarchedClip, Surface, march_clip, tissue_of
+from wrinklecli.effects.contact.crease import Crease, MarchedClip
 from wrinklecli.effects.contact.fitting import combined
 from wrinklecli.effects.contact.fold import REACH_RADII, Fold, grown
-from wrinklecli.effects.contact.solution import Solution, free_rows
+from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Floats, Ints, components, distinct_values
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, distinct_values
 
+# Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
+_CROSSING_POSES = 8
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
 # Moments of a clip among which the turn of a joint is looked for that is furthest.
@@ -33,44 +35,32 @@ class System:
     """Folds that are solved together.
 
     Attributes:
-        surfaces: The folds; all count as equally thick.
+        folds: The folds; all count as equally thick.
     """
 
-    surfaces: tuple[Surface, ...]
+    folds: tuple[Fold, ...]
 
     @cached_property
     def fold(self) -> Fold:
         """The union of the folds' surfaces."""
-        return union([each.fold for each in self.surfaces])
+        return union(self.folds) if len(self.folds) > 1 else self.folds[0]
 
-    @cached_property
-    def tissue(self) -> Tissue:
-        """The union as the solver sees it."""
-        apart = np.full(len(self.fold.own), np.inf)
-        for surface in self.surfaces:
-            rows = np.searchsorted(self.fold.vertices, surface.fold.vertices)
-            apart[rows] = np.minimum(apart[rows], surface.tissue.apart[: len(rows)])
-        others = np.concatenate([each.tissue.apart[len(each.fold.vertices) :] for each in self.surfaces])
-        apart[len(self.fold.vertices) :] = others
-        return tissue_of(self.fold, apart)
-
-    def parts(self, clips: Iterable[Clip]) -> list[object]:
+    def shared(self, clips: Iterable[Clip]) -> list[object]:
         """The objects that the solutions of clips and of sweeps refer to."""
-        every: Sequence[Surface | System] = [*self.surfaces, self] if len(self.surfaces) > 1 else self.surfaces
-        return [*(part for each in every for part in (each.fold, each.tissue)), *clips]
+        return [*(part for each in (*self.folds, self.fold) for part in (each, each.tissue)), *clips]
 
     @cached_property
     def _rows(self) -> list[Ints]:
         """For each fold the indices of its free vertices among the system's."""
-        vertices = self.fold.vertices[free_rows(self.tissue)]
-        return [np.searchsorted(vertices, each.vertices) for each in self.surfaces]
+        vertices = self.fold.free_vertices
+        return [np.searchsorted(vertices, each.free_vertices) for each in self.folds]
 
     @cached_property
     def _weights(self) -> Floats:
         """(folds, free) parts of the move of each free vertex that belong to each fold."""
-        weights = np.zeros((len(self.surfaces), len(free_rows(self.tissue))))
-        for weight, rows, surface in zip(weights, self._rows, self.surfaces, strict=True):
-            apart = surface.tissue.apart[free_rows(surface.tissue)]
+        weights = np.zeros((len(self.folds), len(self.fold.free_vertices)))
+        for weight, rows, fold in zip(weights, self._rows, self.folds, strict=True):
+            apart = fold.apart[fold.tissue.free_rows]
             weight[rows] = np.maximum(1.0 - apart / (FREE * SOFT), TINY) ** 2
         return np.asarray(weights / np.maximum(weights.sum(axis=0), TINY))
 
@@ -78,28 +68,18 @@ class System:
     def _tissues(self) -> list[Tissue]:
         """For each fold the system's surface, of which only the fold's vertices may move."""
         found = []
-        for surface in self.surfaces:
+        for fold in self.folds:
             free = np.zeros(len(self.fold.own), bool)
-            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, surface.vertices)
-            found.append(replace(self.tissue, free=free))
+            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, fold.free_vertices)
+            found.append(replace(self.fold.tissue, free=free))
         return found
-
-    def march(self, clip: Clip, times: Floats) -> MarchedClip:
-        """Solve a clip at (frames,) sorted seconds for all folds together.
-
-        Raises:
-            UnresolvedError: A frame did not settle, or all took too many steps.
-        """
-        if len(self.surfaces) == 1:
-            return self.surfaces[0].march(clip, times)
-        return march_clip(self.fold, self.tissue, [each.fold.hinge for each in self.surfaces], clip, times)
 
     def part(self, number: int, solved: MarchedClip, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
         """The part of one fold in a solved clip.
 
         `fitted` are the folds before it with (frames, shapes) weights that they have, whose errors it takes over.
         """
-        if len(self.surfaces) == 1:
+        if len(self.folds) == 1:
             return solved
         parts = [
             None if found is None else self._part(number, found, [(each, weights[frame]) for each, weights in fitted])
@@ -127,11 +107,12 @@ class System:
 def union(folds: Sequence[Fold]) -> Fold:
     """One fold with the surface of several on the same mesh; its hinge is that of the first."""
     vertices = np.unique(np.concatenate([each.vertices for each in folds]))
-    own = np.zeros(len(vertices), bool)
+    own, crossed = np.zeros((2, len(vertices)), bool)
     triangles, others, count = [], [], len(vertices)
     for each in folds:
         rows = np.searchsorted(vertices, each.vertices)
         own[rows] |= each.own[: len(rows)]
+        crossed[rows] |= each.crossed[: len(rows)]
         of_mesh = each.triangles[:, 0] < len(rows)
         triangles.append(rows[each.triangles[of_mesh]])
         others.append(each.triangles[~of_mesh] - len(rows) + count)
@@ -142,9 +123,11 @@ def union(folds: Sequence[Fold]) -> Fold:
         vertices=vertices,
         triangles=np.concatenate([np.unique(np.concatenate(triangles), axis=0), *others]),
         own=np.concatenate([own, np.zeros(count - len(vertices), bool)]),
+        crossed=np.concatenate([crossed, *(each.crossed[len(each.vertices) :] for each in folds)]),
         radius=float(np.mean([each.radius for each in folds])),
         pivot=np.mean([each.pivot for each in folds], axis=0),
         others=tuple(other for each in folds for other in each.others),
+        parts=tuple(folds),
     )
 
 
@@ -179,8 +162,18 @@ def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tupl
     return [(one, two, np.array(sorted(vertices), np.intp)) for (one, two), vertices in sorted(found.items())]
 
 
+def crossing_in_sweeps(fold: Fold) -> Bools:
+    """(vertices,) True for those that cross in a sweep and not at rest, as skinned and wrinkled."""
+    marked = np.zeros(len(fold.own), bool)
+    looks = [(each.clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for each in fold.hinge.straight]
+    for clip, times in [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)]:
+        for positions in fold.posed(clip, times)[0]:
+            marked |= fold.crossing(positions)
+    return marked & ~fold.crossing(fold.rest_positions)
+
+
 def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
-    """The fold's vertices that cross in clips and not at rest, as skinned and wrinkled."""
+    """The fine vertices of a fold that cross in clips and not at rest, as skinned and wrinkled."""
     marked = np.zeros(len(fold.own), bool)
     for clip in clips:
         for positions in fold.posed(clip, _moments([fold], clip))[0]:
@@ -189,7 +182,7 @@ def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
     return fold.vertices[marked[: len(fold.vertices)]]
 
 
-def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
+def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     """A fold that holds all of its mesh that its free vertices cross in clips, as skinned and wrinkled.
 
     A shin may meet the other one far below the knee, where the fold of either knee ends: what it may move would cross
@@ -197,13 +190,12 @@ def holding_contacts(fold: Fold, apart: Floats, clips: Sequence[Clip]) -> tuple[
 
     Args:
         fold: The fold.
-        apart: As `distances_from_crossings` gives it.
         clips: The clips.
 
     Returns:
         The fold, which may have grown, and the fine vertices that cross and that it did not have, or held still.
     """
-    free = fold.vertices[apart[: len(fold.vertices)] < FREE * SOFT]
+    free = fold.vertices[fold.near[: len(fold.vertices)]]
     reach = FREE * SOFT * fold.radius / UNITS
     wide, fresh = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), np.zeros(0, np.intp)
     counting = np.isin(wide.vertices, free)
@@ -233,13 +225,10 @@ def _mesh_alone(fold: Fold) -> Fold:
     return replace(fold, others=(), triangles=fold.triangles[fold.triangles[:, 0] < count], own=fold.own[:count])
 
 
-def near_each_other(one: tuple[Fold, Floats | None], two: tuple[Fold, Floats | None]) -> bool:
-    """True if two folds, with distances from what crosses in them, may move the same vertices."""
-    (first, apart), (second, beside) = one, two
-    if apart is None or beside is None:
-        return False
-    moved = first.vertices[apart[: len(first.vertices)] < FREE * SOFT]
-    return bool(np.isin(moved, second.vertices[beside[: len(second.vertices)] < FREE * SOFT]).any())
+def near_each_other(one: Fold, two: Fold) -> bool:
+    """True if two folds may move the same vertices."""
+    first, second = (each.vertices[each.near[: len(each.vertices)]] for each in (one, two))
+    return bool(np.isin(first, second).any())
 
 
 def grouped(count: int, pairs: Iterable[tuple[int, int]]) -> list[list[int]]:

@@ -3,7 +3,6 @@
 Collisions are found by the library ipctk. All lengths are in solver's units: a limb's radius is 70 of them.
 """
 
-from copy import copy
 from dataclasses import fields, replace
 from functools import cached_property
 from typing import Any
@@ -14,6 +13,7 @@ from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.intersections import Crossings, edges_of
 
 UNITS = 70.0
@@ -74,7 +74,6 @@ class SolverState:
         converged: True if the last step was short enough and all vertices that are not free are in their places.
         steps: Number of Newton steps that it took.
         near: The collisions in ipctk; None if nothing is near.
-        fault: The reason why they do not count, beside that they did not converge; None if there is none.
     """
 
     positions: Floats
@@ -82,7 +81,6 @@ class SolverState:
     converged: bool = True
     steps: int = 0
     near: Any = None
-    fault: str | None = None
 
     @property
     def correction(self) -> Floats:
@@ -114,13 +112,9 @@ class Tissue:
         """The attributes: what is computed from them is computed again in another process."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    def again(self) -> "Tissue":
-        """A copy that nothing has touched yet: its solutions depend on no others, not even in the last bits."""
-        once = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing  # for all copies
-        fresh = copy(self)
-        fresh.__dict__.update(self.__dict__, response=self.response.again())
-        assert fresh.mesh is once[0]
-        return fresh
+    def prepare(self) -> None:
+        """Compute what all processes use before they are begun."""
+        _ = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing
 
     def without_close_meshes(self) -> "Tissue":
         """A copy in which triangles of other meshes that lie on the surface at rest never collide."""
@@ -192,6 +186,11 @@ class Tissue:
         """(touching, 3) of (vertices, 3), in the layout that ipctk asks for."""
         return np.asfortranarray(positions[self.rows])
 
+    @property
+    def free_rows(self) -> Ints:
+        """(free,) sorted vertices of the fold's own mesh that the solver may move."""
+        return np.flatnonzero(self.free & self.own)
+
     @cached_property
     def _crossings(self) -> Crossings:
         """The trees of `mesh`."""
@@ -241,13 +240,21 @@ class Tissue:
     def moves_under(self, forces: Floats) -> Floats:
         """(fields, free, 3) movements of the free vertices under (fields, free, 3) forces."""
         columns = forces.transpose(1, 0, 2).reshape(-1, 3 * len(forces))
-        return self.response.moves_under(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
+        return self._moved(columns).reshape(-1, len(forces), 3).transpose(1, 0, 2)
+
+    def response(self) -> Response:
+        """The movement of the free vertices under forces, before anything has touched."""
+        return Response(self._moved, int(np.count_nonzero(self.free)))
+
+    def _moved(self, forces: Floats) -> Floats:
+        """(free, columns) movements of the free vertices, one coordinate for each column of forces."""
+        return np.asarray(self._factors.solve(np.asfortranarray(forces)))
 
     @cached_property
-    def response(self) -> Response:
-        """The movement of the free vertices under forces."""
+    def _factors(self) -> Any:
+        """The factors of the free vertices' stiffness."""
         rows = np.flatnonzero(self.free)
-        return Response(self.stiffness[rows][:, rows])
+        return factorised(self.stiffness[rows][:, rows].tocsc())
 
     def collisions(self, positions: Floats) -> Any:
         """The collisions, in ipctk, at (vertices, 3) positions."""
