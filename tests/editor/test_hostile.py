@@ -56,7 +56,8 @@ def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: py
     path = limb(tmp_path / "limb.glb", rings=6, sides=6)
     tools = tmp_path / "tools.yaml"
     tools.write_text("version: 1\n" + TOOL)
-    session = Session(path, tools)
+    own = str(tmp_path / "own")
+    session = Session(path, tools, own_folder=own)
     session.set_value("a", ("bumps",), 2)
 
     def interrupted(*_: object) -> None:
@@ -68,10 +69,10 @@ def test_an_interrupted_save_leaves_a_whole_file(tmp_path: Path, monkeypatch: py
             session.save()
     assert tools.read_text() == "version: 1\n" + TOOL
     assert session.changed
-    assert Session(path, tools).text == session.text
+    assert Session(path, tools, own_folder=own).text == session.text
     session.save()
     assert "bumps: 2" in tools.read_text()
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["limb.glb", "tools.yaml"]
+    assert sorted(each.name for each in tmp_path.rglob("*")) == ["limb.glb", "own", "tools.yaml"]
 
 
 @pytest.mark.parametrize("name", ["ENOSPC", "EIO", "EROFS", "EACCES"])

@@ -36,7 +36,7 @@ def path(tmp_path: Path) -> Path:
 
 
 def opened(path: Path) -> Edits:
-    edits = Edits(Store(str(path)))
+    edits = Edits(Store(str(path), own_folder=f"{path}.own"))
     edits.recover()
     return edits
 
@@ -105,7 +105,8 @@ def test_a_crash_loses_nothing(path: Path) -> None:
     assert again.text == TEXT
     again.redo()
     again.save()
-    assert [each.name for each in path.parent.iterdir()] == ["tools.yaml"]
+    assert [each.name for each in path.parent.iterdir() if each.is_file()] == ["tools.yaml"]
+    assert not [*Path(f"{path}.own").iterdir()]
     assert opened(path).undoable is None
 
 
@@ -119,7 +120,7 @@ def test_a_crash_beside_another_edit_loses_neither(path: Path) -> None:
     first.set_value("a.L", ("bumps",), 8)
     other = opened(path)
     assert other.text == path.read_text()
-    assert (path.parent / ".tools.yaml.unsaved.1").exists()
+    assert len([*Path(f"{path}.own").glob("tools.yaml.*.unsaved.1")]) == 1
 
 
 def test_a_part_of_what_is_inherited_keeps_the_rest(tmp_path: Path) -> None:

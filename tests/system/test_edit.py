@@ -370,7 +370,7 @@ def test_a_bake_with_contact_is_cancelled_and_shown(tmp_path: Path) -> None:
 def started(folder: Path, *, browser: str = "true") -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`wrinkle edit` of a limb in a process of its own, and the address that it prints."""
     command = [sys.executable, "-m", "wrinklecli", "edit", "limb.glb", "tools.yaml", "--port", "0"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": browser}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "BROWSER": browser, "XDG_CONFIG_HOME": f"{folder}_own"}
     server = subprocess.Popen(
         command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
@@ -443,7 +443,7 @@ def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_aga
     folder: Path, tmp_path: Path
 ) -> None:
     """A browser is led to the second server by a file, and that browser's command line has no token."""
-    tools, unsaved = folder / "tools.yaml", folder / ".tools.yaml.unsaved"
+    tools, own = folder / "tools.yaml", Path(f"{folder}_own")
     old = tools.read_text()
     program, called = tmp_path / "program", tmp_path / "called"
     program.write_text(f'#!/bin/sh\necho "$@" > {called}.part\nmv {called}.part {called}\n')
@@ -464,7 +464,7 @@ def test_a_full_disk_is_said_and_edits_of_a_server_that_was_killed_are_there_aga
         assert load_tools(tools).tools[0].bumps == 5
 
         tab.fill("× bumps", "6")
-        until(unsaved.exists, "unsaved edits")
+        until(lambda: [*own.rglob("tools.yaml.*.unsaved")], "unsaved edits")
         server.kill()
         server.wait()
         assert tools.read_text() == saved

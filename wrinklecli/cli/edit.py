@@ -81,7 +81,7 @@ def edit(
 
     TOOLS is the YAML file that the page opens and saves. Without TOOLS, the file has the name of ASSET with the ending
     .yaml. If the file does not exist, the page begins without tools. Comments, order and lines that are not edited
-    stay as they were. Edits that are not saved stand in .NAME.unsaved beside the file NAME, and the next run takes
+    stay as they were. Edits that are not saved are kept in your own folder for settings, and the next run takes
     them up. A page that this machine alone reaches also opens assets that were edited before, from a list.
 
     The page needs no network, but viser, embreex and Pillow: pip install 'wrinklecli[edit]'. Ctrl-C ends it. It opens
@@ -113,8 +113,9 @@ def edit(
     def end(_number: int, _frame: FrameType | None) -> None:
         ended.set()
 
-    session = Session(asset, tools, ReadOptions(**options))
-    kept = os.path.join(click.get_app_dir("wrinkle"), "recent.json")
+    own_folder = click.get_app_dir("wrinkle")
+    session = Session(asset, tools, ReadOptions(**options), own_folder)
+    kept = os.path.join(own_folder, "recent.json")
     # A page that other machines reach opens only what lies beside the shown asset.
     known = recent(kept) if is_own(host) else {}
     page = Page(session, Access.to(host, allow_host), port, heat=heat, known=known)

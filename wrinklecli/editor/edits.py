@@ -303,15 +303,14 @@ class Edits:
             self._become(self._store.merged(text, self._store.base, since=base), "recover unsaved edits")
             self.notes.append(f"{self.path}: unsaved edits of an earlier session are here again; undo takes them away")
         except WrinkleError as error:
-            self.notes += [*self._set_aside(), *error.lines]
-
-    def _set_aside(self) -> Sequence[str]:
-        """Move unsaved edits that do not fit out of the way, and say where they are."""
-        try:
-            aside = self._store.side.set_aside()
-        except ConfigError as error:
-            return error.lines
-        return (f"{self.path}: unsaved edits of an earlier session do not fit, and are in {aside}",)
+            assert self._store.side is not None
+            try:
+                aside = self._store.side.set_aside()
+            except ConfigError as another:
+                self.notes += another.lines
+            else:
+                self.notes.append(f"{self.path}: unsaved edits of an earlier session do not fit, and are in {aside}")
+            self.notes += error.lines
 
     # Internals.
 

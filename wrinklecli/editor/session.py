@@ -82,6 +82,8 @@ class EditedTool:
 class Session(Edits):
     """An asset and its tools, being edited. Unsaved edits of an earlier session are recovered as a step.
 
+    They are kept in a folder of the user's own (`own_folder`), if there is one.
+
     The tools file need not exist; without `tools` it is the asset's path with the ending .yaml. A draft is shown at
     once, on the triangles that are there. `pose` is that of the clip `POSE`, which may be named wherever a clip may.
     A `hand` slides the skin of a touch, whatever the clip does there.
@@ -97,11 +99,13 @@ class Session(Edits):
         asset: str | os.PathLike[str],
         tools: str | os.PathLike[str] | None = None,
         read_options: ReadOptions | None = None,
+        own_folder: str | None = None,
     ) -> None:
         self.asset = os.fspath(asset)
         self.read_options = read_options or ReadOptions()
         path = os.path.splitext(self.asset)[0] + ".yaml" if tools is None else os.fspath(tools)
-        super().__init__(Store(path, external=self.read_options.allow_external))
+        self.own_folder = own_folder
+        super().__init__(Store(path, external=self.read_options.allow_external, own_folder=own_folder))
         self.pose = FreePose()
         self.hand: Hand | None = None
         self._pose_clip: Clip | None = None

@@ -1,6 +1,6 @@
 """The edited tools file on disk: written whole, merged with changes by others, and protected by a side file.
 
-Unsaved text stands in the side file, so that neither a crash nor a closed browser loses it.
+Unsaved text stands in a side file, so that neither a crash nor a closed browser loses it.
 """
 
 import os
@@ -28,16 +28,17 @@ _BOM = b"\xef\xbb\xbf"
 class Store:
     """A tools file on disk, which need not exist. `base` is the text that was last read or saved.
 
-    With `external`, files of presets may lie outside its folder.
+    With `external`, files of presets may lie outside its folder. Unsaved text is kept in `own_folder`, one of
+    the user's own, if there is one.
 
     Raises:
         ConfigError: The file cannot be read.
     """
 
-    def __init__(self, path: str, *, external: bool = False) -> None:
+    def __init__(self, path: str, *, external: bool = False, own_folder: str | None = None) -> None:
         self.path = path
         self.external = external
-        self.side = SideFile(path)
+        self.side = None if own_folder is None else SideFile(own_folder, path)
         self.base = self.on_disk()
         self._inputs: tuple[str, ...] = ()
 
@@ -72,18 +73,18 @@ class Store:
         Raises:
             ConfigError: The side file cannot be written.
         """
-        if text == self.base:
+        if self.side is not None and text == self.base:
             self.side.remove()
-        else:
+        elif self.side is not None:
             self.side.write(self.base, text)
 
     def unsaved(self) -> tuple[str, str] | None:
         """Read the unsaved text of an earlier session: the text that its edits began with, and the edited text.
 
         Raises:
-            ConfigError: Something that is not a side file has its name.
+            ConfigError: The side file is damaged, or cannot be read.
         """
-        kept = self.side.read()
+        kept = None if self.side is None else self.side.read()
         return None if kept is None or kept[1] == self.base else kept
 
     def merged(self, mine: str, theirs: str, since: str | None = None) -> ToolsText:
@@ -115,7 +116,7 @@ class Store:
             outputs.protect(self._inputs)
             outputs.add_bytes(self.path, self._bom() + text.encode())
         self.base = text
-        self.side.remove()
+        self.keep(text)
 
     def _bom(self) -> bytes:
         """The byte order mark with which the file begins, if any."""

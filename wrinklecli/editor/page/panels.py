@@ -74,7 +74,7 @@ class FileButtons:
         name, self.opened.value = self.opened.value, os.path.basename(self._session.asset)
         path = os.path.join(self._folder, name)
         tools = self._page.known.get(os.path.abspath(path))
-        self._page.wanted = Session(path, tools, self._session.read_options)
+        self._page.wanted = Session(path, tools, self._session.read_options, self._session.own_folder)
 
     def _step(self, *, forward: bool) -> None:
         self._page.commit()
