@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 import sys
-import tempfile
 import threading
 from collections import Counter
 from collections.abc import Generator, Iterator
@@ -29,8 +28,6 @@ _HANDLERS = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIG
 # Workers, and the hundreds of commands that they start, would else compile all modules anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-# Commands list here what was edited; the user's own list stays as it is.
-os.environ["XDG_CONFIG_HOME"] = os.path.join(tempfile.gettempdir(), "wrinkle-tests")
 # No test pulls the plug. Where a disk takes milliseconds to write a file, thousands of files take seconds.
 os.fsync = lambda _: None
 np.seterr(all="raise", under="ignore")

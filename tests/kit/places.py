@@ -16,4 +16,6 @@ if _VARIABLE not in os.environ:
     os.environ[_VARIABLE] = tempfile.mkdtemp(prefix="wrinkle-tests-")
     atexit.register(shutil.rmtree, os.environ[_VARIABLE], ignore_errors=True)
 SHARED = Path(os.environ[_VARIABLE])
+# The user's own folder for settings stays as it is.
+os.environ["XDG_CONFIG_HOME"] = str(SHARED / "settings")
 FOLDER = Path(tempfile.mkdtemp(dir=SHARED))  # of this process alone
