@@ -2,9 +2,12 @@
 
 from copy import deepcopy
 
-from kit.asset import Asset
+import numpy as np
+
+from kit.asset import Array, Asset
 from kit.bakes import place
-from kit.characters import avatar
+from kit.characters import avatar, cotton, denim, png
+from kit.limb import limb_asset
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.gltf.document import read_document
 from wrinklecli.surface.ground import read_ground
@@ -12,6 +15,7 @@ from wrinklecli.surface.substance import substances_at
 from wrinklecli.tools.records import ToolsFile
 
 TAN = [0.75, 0.41, 0.26, 1.0]
+SKIN = (0.86, 0.62, 0.5)
 
 
 def jacket_of_skin(asset: Asset) -> float:
@@ -19,7 +23,7 @@ def jacket_of_skin(asset: Asset) -> float:
     path = place(asset)
     (node,) = [number for number, each in enumerate(asset.gltf["nodes"]) if each.get("mesh") == 2]
     ground = read_ground(read_document(path), node, [], ToolsFile(path=str(path)), ())
-    return float((substances_at(ground, 0.05) == SUBSTANCES.index("skin")).mean())
+    return float((substances_at(ground) == SUBSTANCES.index("skin")).mean())
 
 
 def in_tan() -> Asset:
@@ -37,3 +41,36 @@ def test_a_jacket_is_told_from_the_hands_of_another_mesh() -> None:
     del body["mesh"], body["skin"]
     assert jacket_of_skin(dressed) < 0.1
     assert jacket_of_skin(headless) > 0.9
+
+
+def kinds_of(asset: Asset) -> list[str]:
+    """The substances of a limb, those of the most triangles first."""
+    path = place(asset)
+    ground = read_ground(read_document(path), 0, [], ToolsFile(path=str(path)), ())
+    kinds = [SUBSTANCES[kind] for kind in substances_at(ground).tolist()]
+    return sorted(set(kinds), key=kinds.count, reverse=True)
+
+
+def limb_of(pixels: Array) -> Asset:
+    asset = limb_asset(rings=21, sides=12)
+    image = asset.append("images", {"bufferView": asset.view(png(pixels)), "mimeType": "image/png"})
+    texture = asset.append("textures", {"source": image})
+    looks = {"baseColorTexture": {"index": texture}, "metallicFactor": 0.0}
+    asset.append("materials", {"name": "M", "pbrMetallicRoughness": looks})
+    asset.gltf["meshes"][0]["primitives"][0]["material"] = 0
+    return asset
+
+
+def test_a_spot_of_another_colour_is_of_the_cloth_round_it() -> None:
+    pixels = denim(256)
+    assert kinds_of(limb_of(pixels)) == ["cloth"]
+    pixels[120:134, 120:134] = SKIN
+    assert kinds_of(limb_of(pixels)) == ["cloth"]
+    pixels[:128] = SKIN
+    assert set(kinds_of(limb_of(pixels))) == {"cloth", "skin"}
+
+
+def test_the_plain_grey_of_a_palette_says_nothing() -> None:
+    """It may be metal's; a picture of grey cloth has shadows."""
+    assert kinds_of(limb_of(np.full((64, 64, 3), 0.5))) == ["skin"]
+    assert kinds_of(limb_of(cotton(256, (0.5, 0.5, 0.5)))) == ["cloth"]

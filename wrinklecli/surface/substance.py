@@ -1,8 +1,8 @@
 """The substance of a place: skin, cloth, leather, or hard parts that do not wrinkle, with its confidence.
 
-Metal, plates and boxes are hard. Else evidence is added up as logarithms of odds: the colours and the fine contrast of
-the textures under the place say most, then the words of names, then the part of the body. A place about which the file
-says nothing counts as skin, whose wrinkles are the lowest, with low confidence.
+Metal, plates and boxes are hard. Else evidence is added up as logarithms of odds: the colours of the place say most,
+then the words of names, then the part of the body. A place about which the file says nothing counts as skin, whose
+wrinkles are the lowest, with low confidence. All of a piece of a surface, such as a sleeve, is of one substance.
 """
 
 import re
@@ -21,6 +21,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.pieces import difference, pieces_of
 from wrinklecli.surface.strain import Gauge, read_gauge
 from wrinklecli.surface.swatch import SAMPLED, Pictures, Swatches
 from wrinklecli.tools.records import ToolsFile
@@ -76,10 +77,6 @@ _BOX_PART = 0.6
 _COLOUR, _MATERIAL_NAME, _NAME = 3.0, 2.0, 1.5
 # Eyes, teeth, hair and nails have the colours of anything: there the name says more than the picture.
 _HARD_NAME = 6.0
-# Weave and grain have more fine contrast than pores: for cloth and leather, and as much against skin twice.
-_WEAVE = 1.0
-# A dark smooth surface is leather rather than cloth.
-_SHINE = 1.5
 # Where nothing is convincing it is skin.
 _SKIN_ELSE = 0.3
 # The part of the body breaks ties: hands and faces are bare on most characters, feet are shod, and trunks are dressed.
@@ -88,15 +85,12 @@ _SHOD: tuple[Part, ...] = ("foot", "toes")
 _DRESSED: tuple[Part, ...] = ("hips", "spine", "chest", "shoulder", "upper leg", "lower leg", "upper arm")
 _OF_BODY = 1.0
 _OF_TRUNK = 0.4
-# Chroma of Oklab below which a plain colour is grey, which is what modelling programs give a new surface.
-_GREY = 0.02
+# Chroma of Oklab below which a plain colour is grey, which is what modelling programs give a new surface, and palettes
+# to metal; and the deviation of lightness below which a picture is plain: that of dyed cloth is 0.02 to 0.1.
+_GREY, _PLAIN = 0.02, 0.015
 # Lightness of Oklab of the darkest skin, and from which on a brown is no longer too dark for skin: it has 0.32 to 0.95,
 # the leather of most shoes 0.2 to 0.45.
 _DARK = (0.25, 0.37)
-# Fine contrast of pores, and of a weave that a texture shows.
-_WOVEN = (0.06, 0.14)
-# Roughness of cloth and of leather; 0.5 is what programs give a new material.
-_SMOOTH = (0.48, 0.35)
 # Parts of the body that show bare skin, the surest first: heads have hair.
 _SHOWING: tuple[tuple[Part, ...], ...] = (("hand", "palm", "finger"), ("head",))
 # Distance in Oklab at which a colour is another one than the bare skin's, and at which it is the same; and how much
@@ -360,7 +354,7 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
 
 
 def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKind, float]]:
-    """Find what colours, fine contrast and roughness say of each place."""
+    """Find what colours say of each place."""
     lightness, chroma, hue = swatches.lightness, swatches.chroma, swatches.hue
     skin = _skin_like(swatches)
     brown = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03)
@@ -369,27 +363,20 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     black = _ramp(lightness, 0.35, 0.25) * _ramp(chroma, 0.03, 0.015)
     tanned = np.maximum(tanned, _EITHER * black)
     if bare is not None:
-        # Shadows are painted into textures, so lightness counts half.
-        away = np.sqrt(np.sum((_coordinates(swatches) - bare) ** 2 * [0.25, 1.0, 1.0], axis=2))
-        same = _ramp(away, *_SAME_SKIN)
+        same = _ramp(difference(swatches.colours, bare), *_SAME_SKIN)
         skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
         tanned = np.maximum(tanned, _EITHER * brown * _ramp(lightness, 0.75, 0.6) * (1.0 - same))
     # Indigo.
     denim = _bell(hue, 262.0, 20.0) * _ramp(chroma, 0.01, 0.03) * _ramp(lightness, 0.8, 0.65)
     others = 1.0 - np.maximum(np.maximum(skin, tanned), denim)
-    # Dark cloth scatters what little light it returns; leather, however dark, has a shine.
-    smooth = np.nan_to_num(_ramp(swatches.roughness, *_SMOOTH))[:, None]
-    shiny = smooth * _ramp(lightness, 0.5, 0.35)
-    woven = np.nan_to_num(_ramp(swatches.contrast, *_WOVEN))
-    leather = 0.9 * _COLOUR * np.maximum(tanned, shiny).mean(axis=1) + _SHINE * shiny.mean(axis=1)
     found: dict[SubstanceKind, Floats] = {
-        "skin": _COLOUR * skin.mean(axis=1) - 2.0 * _WEAVE * woven,
-        "leather": leather + _WEAVE * woven,
-        "cloth": _COLOUR * ((denim + others) * (1.0 - 0.5 * shiny)).mean(axis=1) + _WEAVE * woven,
+        "skin": _COLOUR * skin.mean(axis=1),
+        "leather": 0.9 * _COLOUR * tanned.mean(axis=1),
+        "cloth": _COLOUR * (denim + others).mean(axis=1),
     }
-    # Light grey without a picture is the default of modelling programs.
     grey = (chroma.mean(axis=1) < _GREY) & (lightness.mean(axis=1) > _DARK[0])
-    said = (swatches.coloured > 0.5) & ((swatches.pictured > 0.5) | ~grey)
+    plain = (swatches.pictured < 0.5) | (lightness.std(axis=1) < _PLAIN)
+    said = (swatches.coloured > 0.5) & ~(grey & plain)
     return [
         {kind: float(values[place]) for kind, values in found.items()} if says else {}
         for place, says in enumerate(said.tolist())
@@ -402,14 +389,8 @@ def _skin_like(swatches: Swatches) -> Floats:
     Haemoglobin and melanin give skin, pale and dark, hues around orange, and never vivid ones.
     """
     hue, chroma = swatches.hue, swatches.chroma
-    of_hue = _ramp(hue, 24.0, 38.0) * _ramp(hue, 88.0, 74.0)
+    of_hue = _ramp(hue, 15.0, 30.0) * _ramp(hue, 88.0, 74.0)
     return of_hue * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(swatches.lightness, *_DARK)
-
-
-def _coordinates(swatches: Swatches) -> Floats:
-    """(places, points, 3) colours in Oklab."""
-    turn = np.radians(swatches.hue)
-    return np.stack([swatches.lightness, swatches.chroma * np.cos(turn), swatches.chroma * np.sin(turn)], axis=2)
 
 
 def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
@@ -431,7 +412,7 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
             swatch = _swatches(makeup, [(np.arange(len(areas)), areas)])
             skin = _skin_like(swatch) > 0.5
             if swatch.coloured[0] > 0.5 and swatch.metallic[0] < _METALLIC and skin.mean() > 0.5:
-                return np.asarray(np.median(_coordinates(swatch)[skin], axis=0))
+                return np.asarray(np.median(swatch.colours[skin], axis=0))
     return None
 
 
@@ -474,11 +455,10 @@ def _ramp(values: Floats, low: float, high: float) -> Floats:
     return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
 
 
-def substances_at(ground: Ground, size: float) -> Ints:
-    """(triangles,) numbers in `SUBSTANCES` of all triangles of a mesh, place by place; "none" where one has no area.
+def substances_at(ground: Ground) -> Ints:
+    """(triangles,) numbers in `SUBSTANCES` of all triangles of a mesh, piece by piece; "none" where one has no area.
 
-    Connected parts of a primitive may be plates or boxes as a whole. Elsewhere a place is what a cube with edges of
-    this size, scene units, has of such a part.
+    Connected parts of a primitive may be plates or boxes as a whole. Else each has pieces of one colour.
     """
     document, rig, surface = ground.document, ground.rig, ground.surface
     gauge, animal, bodies = read_gauge(surface, ground.rest, rig), is_animal(rig), read_bones(document).parts
@@ -498,8 +478,9 @@ def substances_at(ground: Ground, size: float) -> Ints:
     wholes = np.stack([makeup.primitives, gauge.pieces], axis=1)
     of_places(_groups(wholes), by_morph=False)
     remaining = np.flatnonzero(found[gauge.numbers] != SUBSTANCES.index("hard"))
-    cells = np.floor(gauge.middles / size).astype(np.intp)
-    of_places([remaining[own] for own in _groups(np.concatenate([wholes, cells], axis=1)[remaining])], by_morph=True)
+    colours = makeup.pictures.colours(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts)
+    pieces = pieces_of(gauge.triangles, makeup.primitives, colours, areas)
+    of_places([remaining[own] for own in _groups(pieces[remaining, None])], by_morph=True)
     return found
 
 

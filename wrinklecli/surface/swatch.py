@@ -1,4 +1,4 @@
-"""Samples the pictures of a surface: the base colour, the metal, the roughness and the fine contrast of a place.
+"""Samples the pictures of a surface: the base colour and the metal of a place.
 
 Points are spread over the triangles of a place in proportion to their weights, so that one atlas, of which a mesh uses
 small parts, says of each place what is drawn there.
@@ -25,14 +25,14 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes, linear_rgb
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 # Linear RGB of the 256 stored values of sRGB.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
 # Points on a place: a stuff that covers a twentieth of it gets about 25 of them, enough to be told from chance.
 _POINTS = 512
-# Different pixels among the points of a place from which on fine contrast is measured: a palette's swatch has few.
-_FEWEST_PIXELS = 64
+# Points on a triangle for its mean colour.
+_POINTS_OF_TRIANGLE = 16
 # Linear RGB to the responses of cones, and the cube roots of these to Oklab.
 _CONES = np.array(
     [
@@ -48,9 +48,6 @@ _OKLAB = np.array(
         [0.0259040371, 0.7827717662, -0.8086757660],
     ]
 )
-# Luminance of linear RGB (ITU-R BT.709), and the least one, below which contrast is noise of 8 bits.
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-_DARKEST = 0.004
 
 
 SAMPLED = 3 * _POINTS
@@ -62,36 +59,42 @@ class Swatches:
     """The looks of places.
 
     Attributes:
-        lightness: (places, points) of Oklab, 0 to 1.
-        chroma: (places, points) of Oklab; 0 is grey, and vivid colours have 0.2.
-        hue: (places, points) of Oklab, degrees from 0 to 360: red has 29, skin about 55, blue 264.
+        colours: (places, points, 3) in Oklab.
         pictured: (places,) the part of the points that a texture colours.
         coloured: (places,) the part of the points whose colour the file says, by a texture, a factor or vertices.
-        contrast: (places,) deviation of the logarithm of luminance among neighbouring pixels; NaN without a picture.
         metallic: (places,) mean of the metallic factor times its texture.
-        roughness: (places,) mean of the roughness factor times its texture; NaN if the file says nothing of it.
     """
 
-    lightness: Floats
-    chroma: Floats
-    hue: Floats
+    colours: Floats
     pictured: Floats
     coloured: Floats
-    contrast: Floats
     metallic: Floats
-    roughness: Floats
+
+    @property
+    def lightness(self) -> Floats:
+        """(places, points) 0 to 1."""
+        return self.colours[..., 0]
+
+    @property
+    def chroma(self) -> Floats:
+        """(places, points) 0 is grey, and vivid colours have 0.2."""
+        return np.hypot(self.colours[..., 1], self.colours[..., 2])
+
+    @property
+    def hue(self) -> Floats:
+        """(places, points) degrees from 0 to 360: red has 29, skin about 55, blue 264."""
+        return np.degrees(np.arctan2(self.colours[..., 2], self.colours[..., 1])) % 360.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Coat:
-    """The base colour, metal and roughness of a primitive; textures at (vertices, 2) coordinates."""
+    """The base colour and metal of a primitive; textures at (vertices, 2) coordinates."""
 
     factor: Floats
     vertex_colours: Floats
     base: tuple[Texture, Floats] | None
     metal: tuple[Texture, Floats] | None
     metallic: float
-    roughness: float | None
     coloured: bool
 
 
@@ -122,10 +125,24 @@ class Pictures:
             places: The numbers of triangles of each, and how much of the place each triangle has.
         """
         triangles = np.concatenate([own[_spread(weights)] for own, weights in places])
-        shares = np.tile(_evenly_spread(), (len(places), 1))
-        owners = np.repeat(np.arange(len(places)), _POINTS)
+        shares = np.tile(_evenly_spread(_POINTS), (len(places), 1))
+        found = self._sampled(mesh, primitives, corners, starts, triangles, shares)
+        means = (each.reshape(len(places), _POINTS).mean(axis=1) for each in found[1:])
+        return Swatches(found[0].reshape(len(places), _POINTS, 3), *means)
+
+    def colours(self, mesh: int, primitives: Ints, corners: Ints, starts: Ints) -> Floats:
+        """(triangles, 3) the mean colour of each triangle of a mesh, in Oklab; the parameters of `swatches`."""
+        every = np.arange(len(corners))
+        total = np.zeros((len(corners), 3))
+        for share in _evenly_spread(_POINTS_OF_TRIANGLE):
+            total += self._sampled(mesh, primitives, corners, starts, every, np.tile(share, (len(corners), 1)))[0]
+        return total / _POINTS_OF_TRIANGLE
+
+    def _sampled(
+        self, mesh: int, primitives: Ints, corners: Ints, starts: Ints, triangles: Ints, shares: Floats
+    ) -> tuple[Floats, Bools, Bools, Floats]:
+        """The colour, if a picture or the file says it, and the metal of (points, 3) shares on (points,) triangles."""
         colours, metallic = np.zeros((len(triangles), 3)), np.zeros(len(triangles))
-        roughness, contrasts = np.full(len(triangles), np.nan), np.full(len(triangles), np.nan)
         pictured, coloured = np.zeros(len(triangles), bool), np.zeros(len(triangles), bool)
         for primitive in distinct_values(primitives[triangles]).tolist():
             here = np.flatnonzero(primitives[triangles] == primitive)
@@ -133,35 +150,14 @@ class Pictures:
             coat = self._coat(mesh, primitive, end - first)
             at, parts = corners[triangles[here]] - first, shares[here]
             colours[here] = coat.factor * np.einsum("pk,pkc->pc", parts, coat.vertex_colours[at])
-            coloured[here] = coat.coloured
+            coloured[here] = coat.coloured or coat.base is not None
             if coat.base is not None:
-                texture, points = coat.base[0], np.einsum("pk,pkc->pc", parts, coat.base[1][at])
-                contrasts[here] = _contrasts(texture, points, colours[here], owners[here])
-                colours[here] *= _LINEAR[_stored(texture, pixels_at(texture, points)[0])]
+                colours[here] *= _LINEAR[_looked_up(coat.base, parts, at)]
                 pictured[here] = True
             metallic[here] = coat.metallic
-            roughness[here] = np.nan if coat.roughness is None else coat.roughness
             if coat.metal is not None:
-                texture, points = coat.metal[0], np.einsum("pk,pkc->pc", parts, coat.metal[1][at])
-                stored = _stored(texture, pixels_at(texture, points)[0])
-                metallic[here] *= stored[:, 2] / 255.0
-                roughness[here] *= stored[:, 1] / 255.0
-        lightness, a, b = (np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T).T.reshape(3, len(places), -1)
-        # What says nothing is sorted behind the rest.
-        ordered = np.sort(contrasts.reshape(len(places), -1), axis=1)
-        known, each = np.sum(~np.isnan(ordered), axis=1), np.arange(len(places))
-        rough = roughness.reshape(len(places), -1)
-        sums, said = np.nansum(rough, axis=1), np.sum(~np.isnan(rough), axis=1)
-        return Swatches(
-            lightness,
-            np.hypot(a, b),
-            np.degrees(np.arctan2(b, a)) % 360.0,
-            pictured.reshape(len(places), -1).mean(axis=1),
-            (coloured | pictured).reshape(len(places), -1).mean(axis=1),
-            (ordered[each, (known - 1) // 2] + ordered[each, np.minimum(known // 2, _POINTS - 1)]) / 2.0,
-            metallic.reshape(len(places), -1).mean(axis=1),
-            np.where(said > 0, sums / np.maximum(said, 1), np.nan),
-        )
+                metallic[here] *= _looked_up(coat.metal, parts, at)[:, 2] / 255.0
+        return np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T, pictured, coloured, metallic
 
     def _coat(self, mesh: int, primitive: int, count: int) -> _Coat:
         key = mesh, primitive, count
@@ -183,7 +179,6 @@ class Pictures:
         metal = self._texture(primitive, "metallicRoughnessTexture", count)
         # By default a material is metallic, which many files with neither key nor texture do not mean.
         metallic = looks.get("metallicFactor", 0.0 if metal is None else 1.0)
-        roughness = looks.get("roughnessFactor", None if metal is None else 1.0)
         try:
             of_vertices = vertex_colours(self.document, primitive, count)
         except (AssetError, ValueError, KeyError, TypeError, IndexError):
@@ -194,7 +189,6 @@ class Pictures:
             base,
             metal,
             float(metallic) if _is_number(metallic) else 0.0,
-            float(roughness) if roughness is not None and _is_number(roughness) else None,
             factor is not None or "COLOR_0" in primitive["attributes"],
         )
 
@@ -231,32 +225,16 @@ def _spread(weights: Floats) -> Ints:
 
 
 @cache
-def _evenly_spread() -> Floats:
-    """(points, 3) barycentric coordinates that are evenly spread: the R2 sequence (M. Roberts, 2018), folded."""
-    u, v = (np.arange(1, _POINTS + 1)[:, None] * [0.7548776662466927, 0.5698402909980532] % 1.0).T
+def _evenly_spread(count: int) -> Floats:
+    """(count, 3) barycentric coordinates that are evenly spread: the R2 sequence (M. Roberts, 2018), folded."""
+    u, v = (np.arange(1, count + 1)[:, None] * [0.7548776662466927, 0.5698402909980532] % 1.0).T
     outside = u + v > 1.0
     u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
     return np.stack([1.0 - u - v, u, v], axis=1)
 
 
-def _stored(texture: Texture, numbers: Ints) -> Bytes:
-    """(pixels, channels) stored values of pixels."""
+def _looked_up(picture: tuple[Texture, Floats], shares: Floats, corners: Ints) -> Bytes:
+    """(points, channels) stored values at (points, 3) shares of (points, 3) corners."""
+    texture, coordinates = picture
+    (numbers,) = pixels_at(texture, np.einsum("pk,pkc->pc", shares, coordinates[corners]))
     return texture.pixels.reshape(-1, texture.pixels.shape[2]).take(numbers, axis=0)
-
-
-def _contrasts(texture: Texture, points: Floats, factors: Floats, owners: Ints) -> Floats:
-    """(points,) deviation of ln(luminance) in a square of 3 pixels; NaN where a place has few pixels.
-
-    `owners` are the sorted places of the points.
-    """
-    around = pixels_at(texture, points, 1)
-    size = texture.pixels[..., 0].size
-    pixels = distinct_values(owners * size + around[len(around) // 2]) // size
-    enough = np.bincount(pixels, minlength=owners.max(initial=0) + 1)[owners] >= _FEWEST_PIXELS
-    found, weights = np.full(len(points), np.nan), (factors[enough] * _LUMINANCE).T
-    looks = [_stored(texture, each[enough]).T for each in around]
-    lights = [
-        sum(weight * _LINEAR.take(channel) for weight, channel in zip(weights, look, strict=True)) for look in looks
-    ]
-    found[enough] = np.std(np.log(np.maximum(lights, _DARKEST)), axis=0)
-    return found

@@ -259,7 +259,7 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Ave
             places = sheet.positions[ends]
             near, _ = nearest_of(np.concatenate([places[:, 0], places.mean(axis=1), places[:, 1]]), sheet.positions)
             found *= smoothstep(np.minimum(near / (WAVE * wavelength), 1.0))
-    found *= _of_substance(tool, ground, members, sheet, wave, wavelength)
+    found *= _of_substance(tool, ground, members, sheet, wave)
     mask = read_mask(tool, ground, members)
     if mask is not None:
         found *= mask.welded(surface.weld, len(found))
@@ -268,7 +268,7 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Ave
     return found
 
 
-def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Average, wavelength: float) -> Floats:
+def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Average) -> Floats:
     """(vertices,) factors of the heights, which fade where its substances end.
 
     Raises:
@@ -276,7 +276,7 @@ def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave
     """
     if tool.substance is None:
         return np.ones(len(sheet.positions))
-    kinds = substances_at(ground, wavelength)[members]
+    kinds = substances_at(ground)[members]
     inside = np.isin(kinds, [SUBSTANCES.index(each) for each in tool.substance])
     # The average is a half at a straight border.
     part = wave.of_integrals(sheet.to_vertices(inside.astype(float)))

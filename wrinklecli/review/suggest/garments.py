@@ -23,7 +23,7 @@ from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import WrinkleError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, diagonal
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
@@ -41,9 +41,6 @@ from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
-# Size of the places whose substance is looked at, as a part of the diagonal of a mesh's box: about a fold's, 4 cm on a
-# person.
-_PLACE = 0.02
 # Part of a mesh's area that has to be cloth for a field, and from which on all of it is.
 _SOME, _ALL = 0.1, 0.97
 # Parts of a body whose joints fold no garment: a neck moves within a collar; the folds of gloves and shoes are tools'.
@@ -159,7 +156,7 @@ def _garment(
     # What it is made of takes longest to find.
     if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):
         return None
-    kinds = substances_at(asset.ground(rig.node), _PLACE * diagonal(mesh.rest.positions))[gauge.numbers]
+    kinds = substances_at(asset.ground(rig.node))[gauge.numbers]
     # A garment that is named so is one as a whole, whatever colours it has.
     named = np.array([each.material is not None and each.material.kind == _CLOTH for each in hints])[primitives]
     kinds[named & (kinds != SUBSTANCES.index("hard"))] = SUBSTANCES.index(_CLOTH)

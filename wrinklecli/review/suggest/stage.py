@@ -114,7 +114,7 @@ class StagedTool:
         members = children(fine.subdivision.parents, region.members)
         on = flags_of(placement.shown, len(plain))
         if part.attached.segment is None:
-            tallest = int(np.argmax(np.sum((wrinkled - plain) ** 2, axis=1)))
+            tallest = int(np.argmax(np.where(on, np.sum((wrinkled - plain) ** 2, axis=1), -1.0)))
             on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
         place[members] = on[faces[members]].any(axis=1)
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
