@@ -396,23 +396,20 @@ class Page:
         """Turn the cameras to the chosen tool where it is tallest, or seen before; a pose that is set by hand stays."""
         if self.chosen is None:
             return
-        if self.player.clip != POSE and self.chosen in self.session.attached_below():
-            greatest = self.session.greatest_move(self.chosen)
-            if greatest is None:
-                touch = self.session.is_touch(self.chosen)
-                self.say(f"{self.chosen}: no clip moves it. {_DRAG_DOT if touch else _TURN}", ASKS)
-            else:
-                self.player.go(*greatest)
-                self.say(f"{self.chosen} moves the skin most at {greatest[1]:.2f} s of {greatest[0]}")
-        elif self.player.clip != POSE and self.chosen in self.session.attached_tools():
+        fitting = {**self.session.attached_tools(), **self.session.attached_below()}
+        if self.player.clip != POSE and self.chosen in fitting:
             raised = self.session.raised(self.chosen)
-            if raised is None:
-                self.say(f"{self.chosen}: no clip raises it. {_TURN}", ASKS)
+            found = self.session.greatest_move(self.chosen) if raised is None else (raised.clip.name, raised.time)
+            if found is None:
+                how = _DRAG_DOT if self.session.is_touch(self.chosen) else _TURN
+                self.say(f"{self.chosen}: no clip raises it. {how}", ASKS)
             else:
-                time = clear_time(raised)
-                self.player.go(raised.clip.name, time)
-                hidden = "" if time == raised.time else f", where the fold hides it; this is {time:.2f} s"
-                self.say(f"{self.chosen} is tallest at {raised.time:.2f} s of {raised.clip.name}{hidden}")
+                clip, tallest = found
+                time = tallest if raised is None else clear_time(raised)
+                self.player.go(clip, time)
+                hidden = "" if time == tallest else f", where the fold hides it; this is {time:.2f} s"
+                does = "moves the skin most" if raised is None else "is tallest"
+                self.say(f"{self.chosen} {does} at {tallest:.2f} s of {clip}{hidden}")
         self._viewport.look_at_tool(self.chosen)
 
     # User actions: editing.
