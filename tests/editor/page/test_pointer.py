@@ -220,7 +220,7 @@ def test_a_draft_that_is_refused_leaves_the_one_before_it(page: Page) -> None:
         (("clips",), {"fold": "x"}),
         (("clips",), "walk: 1"),
         (("lag",), '{"frequency": -1}'),
-        (("node",), "\x7f"),
+        (("node",), "\ud800"),
         (("seed",), 10**30),
     ],
 )
