@@ -57,8 +57,36 @@ _OF_TWIN = 0.5
 _OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """What is known of a place for a tool.
+
+    Attributes:
+        driver: Name of the joint or morph target that compresses it.
+        by_morph: True if the driver is a morph target.
+        part: The part of the body of a driving joint, if known.
+        place: Its name, if a part of the body or of a face is known there.
+        substance: What it is made of; None if it was not looked at.
+        presets: Materials and presets by name, from which its tool gets one.
+        fault: Why an artist would not wrinkle it; empty if nothing but its looks may say so.
+    """
+
+    driver: str = ""
+    by_morph: bool = False
+    part: Part | None = None
+    place: PlaceName | None = None
+    substance: Substance | None = None
+    presets: Mapping[str, Preset] = field(default_factory=presets)
+    fault: str = ""
+
+    @property
+    def material(self) -> MaterialName | None:
+        """The material of its tool; None for a plain tool."""
+        return None if self.substance is None else self.substance.material
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate(Place):
     """A place for a tool: a segment across a compressed region.
 
     Attributes:
@@ -68,18 +96,9 @@ class Candidate:
         time: The time in this clip, seconds.
         origin: (3,) one end of the segment, on the surface, world space at rest.
         target: (3,) the other end.
-        score: The region's loss 1 − σ summed over its area, scene units squared.
-        material: None for a plain tool.
         widest: Greatest width of the tool, scene units.
         longest: Greatest length of a straight tool, scene units.
         between: (points, 3) of a path between the ends; none for a straight tool.
-        driver: Name of the joint or morph target that compresses the region.
-        by_morph: True if the driver is a morph target.
-        part: The part of the body of a driving joint, if known.
-        place: Its name, if that part is known.
-        substance: What the place is made of; None if it was not looked at.
-        presets: Materials and presets by name, from which its tool gets one.
-        fault: Why an artist would not wrinkle it; empty if nothing but its looks may say so.
     """
 
     mesh: MeasuredMesh
@@ -88,18 +107,14 @@ class Candidate:
     time: float
     origin: Floats
     target: Floats
-    score: float
-    material: MaterialName | None = None
     widest: float = math.inf
     longest: float = math.inf
     between: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    driver: str = ""
-    by_morph: bool = False
-    part: Part | None = None
-    place: PlaceName | None = None
-    substance: Substance | None = None
-    presets: Mapping[str, Preset] = field(default_factory=presets)
-    fault: str = ""
+
+    @property
+    def score(self) -> float:
+        """The region's loss 1 − σ summed over its area, scene units squared."""
+        return float(self.region.weights.sum())
 
 
 def find_candidates(
@@ -243,7 +258,8 @@ def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin:
         ends = None if region is None else find_segment(mesh.sites, region, [pose.positions])
         if region is None or ends is None:
             continue
-        candidate = Candidate(mesh, region, pose.clip, pose.time, *ends, float(region.weights.sum()))
+        origin, target = ends
+        candidate = Candidate(mesh=mesh, region=region, clip=pose.clip, time=pose.time, origin=origin, target=target)
         driver, by_morph = _driver_of(candidate)
         if not region.on_plane or by_morph or _is_of_both_sides(candidate, driver):
             return replace(candidate, driver=driver, by_morph=by_morph)

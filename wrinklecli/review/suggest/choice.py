@@ -1,4 +1,4 @@
-"""The candidates that an artist would wrinkle: not hard parts, nor what another layer hides, nor lips, lids and cheeks.
+"""The candidates that an artist would wrinkle: not hard parts, nor lips, lids and cheeks.
 
 Lips, lids and nostrils are *rims*, where a surface slides over another and makes no folds.
 """
@@ -20,14 +20,11 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.cover import Layers, is_covered
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.substance import (
-    Makeup,
-    PrimitiveHints,
     Substance,
     find_bare_skin,
     is_animal,
@@ -113,7 +110,7 @@ def joined_expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
 
 
 def choose_candidates(
-    document: Document, candidates: Sequence[Candidate], layers: Layers, options: SuggestOptions
+    document: Document, candidates: Sequence[Candidate], options: SuggestOptions
 ) -> tuple[list[Candidate], list[str], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
@@ -130,7 +127,7 @@ def choose_candidates(
     hard: dict[str, None] = {}
     made_of: dict[str, dict[str, Substance]] = {}
     left_out: dict[str, list[str]] = {}
-    for each in _judged(document, candidates, layers, options, pictures):
+    for each in _judged(document, candidates, options, pictures):
         assert each.substance is not None
         where = each.mesh.rig.names[each.mesh.rig.node]
         if each.fault and not options.everything:
@@ -167,45 +164,35 @@ def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
 
 
 def _judged(
-    document: Document, candidates: Sequence[Candidate], layers: Layers, options: SuggestOptions, pictures: Pictures
+    document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
 ) -> Iterator[Candidate]:
-    """Give candidates their materials and faults. A pose is looked at once for all layers that may hide some."""
-    covered: dict[int, bool] = {}  # instances share their regions
-    body, numbers, known = NamedBody.of(document), dict[str, int](), options.known_presets
-    bones = body.bones
-    hints: dict[int, tuple[PrimitiveHints, ...]] = {}
-    makeups: dict[int, Makeup] = {}
+    """Give candidates their materials and faults."""
+    body, known = NamedBody.of(document), options.known_presets
+    parts = body.bones.parts
+    # Of nodes with one name the first counts.
+    numbers = {name: number for number, name in reversed([*enumerate(body.hierarchy.names)])}
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
-    for surface, mesh in distinct.items():
-        makeups[surface] = read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures)
+    makeups = {key: read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures) for key, mesh in distinct.items()}
     rims = cache(lambda surface: rims_of(distinct[surface]))
     # Animals are neither shod nor dressed, and their coats have several colours.
     animals = {surface for surface, mesh in distinct.items() if is_animal(mesh.rig)}
-    bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], bones.parts)
-    for each in sorted(candidates, key=lambda each: (each.clip.index, each.time)):
-        mesh, surface, region = each.mesh, id(each.mesh.gauge.surface), id(each.region)
-        # All meshes have the names of all nodes; of equal ones the first node counts.
-        numbers = numbers or {name: number for number, name in reversed([*enumerate(mesh.rig.names)])}
+    bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], parts)
+    # Instances share a surface, but the names of their nodes may say what each is made of.
+    rigs = {each.mesh.rig.node: (each.mesh.rig, id(each.mesh.gauge.surface) in animals) for each in candidates}
+    hints = {node: read_hints(document, rig, options.materials, animal=animal) for node, (rig, animal) in rigs.items()}
+    for each in candidates:
+        mesh, surface = each.mesh, id(each.mesh.gauge.surface)
         animal = surface in animals
         # The neck and the hands of an animal fold otherwise than those of people.
-        part = None if each.by_morph or animal else bones.parts[numbers[each.driver]]
+        part = None if each.by_morph or animal else parts[numbers[each.driver]]
         place = part and body.place(numbers[each.driver], part, each.region.normal, each.region.centre)
-        if mesh.rig.node not in hints:
-            hints[mesh.rig.node] = read_hints(document, mesh.rig, options.materials, animal=animal)
-        weights = triangle_weights(mesh.sites, each.region)
-        # Instances share a surface, but the names of their nodes may say what each is made of.
         makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
-        substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
-        limb = each.by_morph or animal or is_limb(part, bones.parts)
+        substance = substance_of(makeup, triangle_weights(mesh.sites, each.region), part, by_morph=each.by_morph)
+        limb = each.by_morph or animal or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "at a rim, such as of lips or lids"
-        if not fault:
-            if region not in covered:
-                covered[region] = is_covered(mesh, layers, weights, each.clip, each.time)
-            fault = "under another layer where it folds" if covered[region] else ""
-        found = replace(each, material=substance.material, part=part, place=place)
-        yield replace(found, substance=substance, presets=known, fault=fault)
+        yield replace(each, part=part, place=place, substance=substance, presets=known, fault=fault)
 
 
 def rims_of(mesh: MeasuredMesh) -> Floats:

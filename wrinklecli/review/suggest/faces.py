@@ -48,6 +48,7 @@ from wrinklecli.surface.compression import (
 )
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import along_directions, principal, unscaled_pose
+from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import find_segment
 from wrinklecli.tools.materials import usual_bumps
 from wrinklecli.tools.records import Length, WrinkleTool
@@ -161,18 +162,18 @@ def _fit(
     ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
-    ends = _within(face, ends, _longest(face, region))
+    origin, target = _within(face, ends, _longest(face, region))
     candidate = Candidate(
-        mesh,
-        compressed,
-        together,
-        1.0,
-        *ends,
-        float(compressed.weights.sum()),
-        "skin",
+        mesh=mesh,
+        region=compressed,
+        clip=together,
+        time=1.0,
+        origin=origin,
+        target=target,
         driver=together.name,
         by_morph=True,
         place=PlaceName(region.title.removeprefix("the ")),
+        substance=Substance("skin", "as all of a face"),
     )
     if region.round_eye:
         candidate = _round_eye(face, candidate, side)
@@ -297,7 +298,7 @@ def _fit_tool(
     every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
     made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT)
-    return replace(suggestion_of(candidate, patches, shortenings, made), own_profile=region.furrow)
+    return suggestion_of(candidate, patches, shortenings, made)
 
 
 def _times(clip: Clip) -> Floats:

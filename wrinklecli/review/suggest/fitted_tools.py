@@ -5,7 +5,7 @@ attaches too, to the same mesh or to one with the other side's name, becomes a p
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
-from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate
+from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, Place
 from wrinklecli.review.suggest.draft import across_x, decimals, pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.score import Score, left_out_without_all
 from wrinklecli.review.suggest.shortening import (
     Shortening,
@@ -33,15 +32,11 @@ from wrinklecli.surface.path import Curve
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
-from wrinklecli.surface.substance import Substance
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
-from wrinklecli.tools.materials import Preset, presets
 from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.records import RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
-# Factors on the height of wrinkles that would be too tall for their place, the first one tried first.
-_LOWER = (0.7, 0.5)
 # Profile whose furrows are as wide as its bumps, so that they turn over last.
 _WIDE_FURROWS: Profile = "smooth"
 # Least score of a candidate, as a part of the best one's.
@@ -71,16 +66,14 @@ _LINE = (0.25, 0.5, 0.75)
 _RESTS = 0.7
 
 
-@dataclass(frozen=True, slots=True)
-class Suggestion:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion(Place):
     """A tool across a compressed region.
 
     Attributes:
         tool: Its definition, with numbers as they are written.
         mirrored: True if its mirror image across x = 0 is suggested too.
         mesh: Name of the node.
-        driver: Name of the joint or morph target that compresses the region.
-        by_morph: True if the driver is a morph target.
         clip: Name of the clip that shortens the tool most.
         time: Time of the greatest shortening in this clip, seconds.
         span: Distance of the anchors at rest, scene units.
@@ -89,28 +82,20 @@ class Suggestion:
         shortening: The greatest, as a part of the span, or of the rest length if a morph target makes that longer.
         score: The region's loss 1 − σ summed over its area, scene units squared.
         others: Tools that fit the same place, tried in this order where `check` would warn of this one: straight in
-            place of a path, with lower wrinkles, with wide furrows.
-        own_profile: True if the tool's profile is another one than its material's.
+            place of a path, and with wide furrows.
         twin_clip: The clip in which its mirror image shortens most; empty if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
-        substance: What the place is made of; None if it was not looked at.
-        part: The part of the body of a driving joint, if known.
-        place: Its name, if a part of the body or of a face is known there.
-        presets: Materials and presets by name, one of which its tool has.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
         height: The greatest displacement, scene units; 0 if nobody looked.
         gpu_bytes: What its morph targets take on a GPU, where each part of the mesh has only those that move it.
         own_bytes: What the mesh's own targets take there for the vertices that it adds.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
-        fault: Why an artist would not wrinkle the place, if its looks need not say so.
         is_judged: True once somebody looked.
     """
 
     tool: WrinkleTool
     mirrored: bool
     mesh: str
-    driver: str
-    by_morph: bool
     clip: str
     time: float
     span: float
@@ -118,19 +103,13 @@ class Suggestion:
     shortening: float
     score: float
     others: "tuple[Suggestion, ...]" = ()
-    own_profile: bool = False
     twin_clip: str = ""
     one_sided: bool = False
-    substance: Substance | None = None
-    part: Part | None = None
-    place: PlaceName | None = None
-    presets: Mapping[str, Preset] = field(default_factory=presets)
     crossings: int = 0
     height: float = 0.0
     gpu_bytes: int = 0
     own_bytes: int = 0
     judgement: Score | None = None
-    fault: str = ""
     is_judged: bool = False
 
     @property
@@ -319,9 +298,6 @@ class _Search:
         if len(patches) == 2:
             twin = greatest(shortenings[1])
             suggestion = replace(suggestion, twin_clip=twin.clip.name, one_sided=100.0 * twin.ratio < SLACK)
-        usual = patches[0].tool.bump_height
-        lower = [with_rising_bumps(patches, every, height=part * usual)[0] for part in _LOWER]
-        others = [replace(suggestion, tool=tool) for tool in lower if tool != suggestion.tool]
         if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
             wide = [
                 attached(each, [replace(patch.tool, profile=_WIDE_FURROWS)])
@@ -329,8 +305,8 @@ class _Search:
             ]
             if all(wide):
                 tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], every)
-                others.append(replace(suggestion, tool=tool, own_profile=True))
-        return _Fitted(replace(suggestion, others=tuple(others)), patches)
+                return _Fitted(replace(suggestion, others=(replace(suggestion, tool=tool),)), patches)
+        return _Fitted(suggestion, patches)
 
 
 def suggestion_of(
@@ -340,24 +316,21 @@ def suggestion_of(
     tools: Sequence[WrinkleTool],
 ) -> Suggestion:
     """The suggestion of a tool, or of a pair whose first one is written, with its patches and their shortenings."""
-    mesh, best, driver = candidate.mesh, greatest(shortenings[0]), candidate.driver
+    mesh, best = candidate.mesh, greatest(shortenings[0])
+    known = {each.name: getattr(candidate, each.name) for each in fields(Place)}
+    if len(tools) == 2:
+        known["driver"] = _of_side(mesh, candidate.driver, tools[0].name)
     return Suggestion(
+        **known,
         tool=tools[0],
         mirrored=len(tools) == 2,
-        part=candidate.part,
-        place=candidate.place,
-        presets=candidate.presets,
         mesh=mesh.rig.names[mesh.rig.node],
-        driver=_of_side(mesh, driver, tools[0].name) if len(tools) == 2 else driver,
-        by_morph=candidate.by_morph,
         clip=best.clip.name,
         time=best.time,
         span=patches[0].span,
         clips={name: each.distance for name, each in shortenings[0].items()},
         shortening=best.ratio,
         score=candidate.score,
-        substance=candidate.substance,
-        fault=candidate.fault,
     )
 
 

@@ -23,7 +23,7 @@ from wrinklecli.numeric.arrays import (
     vertex_normals,
 )
 from wrinklecli.numeric.intersections import Crossings, sides_of
-from wrinklecli.review.suggest.cover import Layers
+from wrinklecli.review.suggest.layers import Layers
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05

@@ -182,7 +182,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     folded = {each.field.name for each in fields}
     bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
     candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
-    chosen, reasons, hard = choose_candidates(document, candidates, tried.layers, options)
+    chosen, reasons, hard = choose_candidates(document, candidates, options)
     flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
     scheme: Scheme = "midpoint" if flat else "butterfly"
     levels = max([RefinementSettings().max_levels, *(each.levels for each in fields)])

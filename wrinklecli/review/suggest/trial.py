@@ -15,8 +15,8 @@ from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.review.suggest.cover import Layers
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.layers import Layers
 from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.text import file_text, read_suggested
 from wrinklecli.surface.ground import Ground, read_ground

@@ -1,8 +1,4 @@
-"""Regions that nobody sees: under another layer in the pose that folds them, as in trousers.
-
-Rays leave a region along its normals. They meet a layer that covers it from inside: clothes look away from the body
-that wears them, whereas a forearm in front of an upper arm looks at it.
-"""
+"""The layers of a scene in a pose: what may hide a place, as clothes hide a body."""
 
 import hashlib
 from collections.abc import Collection, Hashable, Iterator, Sequence
@@ -13,32 +9,17 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
-from wrinklecli.numeric.arrays import Floats, diagonal, face_normals, unit
-from wrinklecli.numeric.rays import near_points, ray_hits
-from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.surface.strain import posed
+from wrinklecli.numeric.arrays import Floats
 
-# Greatest distance of a covering layer, as a part of the diagonal of the mesh's box: 20 cm on a person.
-_REACH = 0.12
-# Greatest thickness of a covering layer, as a part of this diagonal: 14 mm on a person.
-_THICKNESS = 0.008
-# Distance below which a ray has not left its own triangle, as a part of this diagonal.
-_SELF = 1e-6
-# Least cosine of a ray and the normal of a triangle that it meets from inside; below the negative, from outside.
-_ALONG = 0.2
-# Most rays of a region: from the triangles that lose most.
-_RAYS = 32
-# Part of a region that must be covered for the whole to count as hidden.
-_HIDDEN = 0.6
 # Most posed layers in memory: those of a character are posed once in each pose.
 _KNOWN_LAYERS = 32
 
 
 class Layers:
-    """The primitives of a scene, which may cover a region.
+    """The primitives of a scene, which may hide a place.
 
     Primitives that are at the same place in every pose, such as instances of a skinned mesh, are one layer. Layers are
-    posed where a box round them is near a region.
+    posed where a box round them is near a place.
     """
 
     def __init__(self, scene: Sequence[ScenePrimitive], clips: Sequence[Clip]) -> None:
@@ -116,54 +97,3 @@ def _box(corners: Floats) -> Floats:
     """(2, 3) bounds of (triangles, 3, 3) corners; least ones are infinite without triangles."""
     places = corners.reshape(-1, 3)
     return np.stack([places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)])
-
-
-def is_covered(mesh: MeasuredMesh, layers: Layers, weights: Floats, clip: Clip, time: float) -> bool:
-    """True if most of a region, with (triangles,) `triangle_weights`, lies under another layer in a pose.
-
-    Layers are the other primitives of the scene, and the pieces of the mesh that the region is not on.
-    """
-    gauge = mesh.gauge
-    chosen = np.argsort(-weights, kind="stable")[:_RAYS]
-    chosen = chosen[weights[chosen] > 0]
-    own, _ = posed(gauge, clip, np.array([time]))
-    faces = face_normals(own[0], gauge.triangles[chosen])
-    at_rest = face_normals(mesh.rest.positions, gauge.triangles[chosen])
-    # Normals point outwards at rest, whichever way triangles wind.
-    outward = np.sign(np.sum(at_rest * mesh.rest.normals[gauge.triangles[chosen]].sum(axis=1), axis=1))
-    rays = unit(faces) * outward[:, None]
-    starts = own[0][gauge.triangles[chosen]].mean(axis=1)
-    size = diagonal(mesh.rest.positions)
-    corners = [own[0][gauge.triangles[~np.isin(gauge.pieces, gauge.pieces[chosen])]]]
-    low, high = starts.min(axis=0) - _REACH * size, starts.max(axis=0) + _REACH * size
-    corners += layers.near(clip, time, low, high, node=mesh.rig.node)
-    covered = _met_from_inside(starts, rays, np.concatenate(corners), size, _REACH * size)
-    return bool(weights[chosen] @ covered > _HIDDEN * weights[chosen].sum())
-
-
-def _met_from_inside(starts: Floats, rays: Floats, corners: Floats, size: float, reach: float) -> Floats:
-    """(rays,) 1 for rays that meet the inside of a layer before they meet anything thicker; else 0.
-
-    Args:
-        starts: (rays, 3)
-        rays: (rays, 3) unit.
-        corners: (triangles, 3, 3) of the layers.
-        size: Diagonal of the mesh's box, scene units.
-        reach: Greatest length of a ray, scene units.
-    """
-    near = corners[near_points(corners, starts, reach)]
-    covered = np.zeros(len(starts))
-    if not len(near):
-        return covered
-    numbers, triangles, distances = ray_hits(starts, rays, near)
-    hit = (distances > _SELF * size) & (distances < reach)
-    numbers, triangles, distances = numbers[hit], triangles[hit], distances[hit]
-    met = near[triangles]
-    normals = unit(face_normals(met.reshape(-1, 3), np.arange(3 * len(met)).reshape(-1, 3)))
-    cosines = np.sum(normals * rays[numbers], axis=1)
-    inside, outside = np.full((2, len(starts)), np.inf)
-    for nearest, sign in ((inside, 1.0), (outside, -1.0)):
-        faces = cosines * sign > _ALONG
-        np.minimum.at(nearest, numbers[faces], distances[faces])
-    covered[np.isfinite(inside) & (inside < outside + _THICKNESS * size)] = 1.0
-    return covered
