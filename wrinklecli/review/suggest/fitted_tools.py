@@ -6,6 +6,7 @@ attaches too, to the same mesh or to one with the other side's name, becomes a p
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -53,8 +54,6 @@ _OF_RADIUS = 0.9
 _BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
 # Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
 _RADII = (0.15, 1.5)
-# Least distance of a candidate from x = 0 over its length or width, for a pair whose halves are apart.
-_APART = 0.25
 # Greatest |v| of a place well within a patch.
 _WITHIN = 0.8
 # Greatest distance of such a place from the patch over the patch's length or half width.
@@ -175,21 +174,25 @@ def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> 
     No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
     """
     of_sides = (each.mesh for each in candidates if each.mesh.node is not None and split_side(each.mesh.node)[1])
-    twins = {exchange_sides(mesh.node or ""): mesh for mesh in of_sides}
-    for search in (_Search(further, twins), _Search(further, twins, one_sided=True)):
-        found = search.ranked(candidates)
-        for first in found:
-            yield first
-            yield from found
-            return
+    search = _Search(further, {exchange_sides(mesh.node or ""): mesh for mesh in of_sides})
+    order, placed = sorted(candidates, key=lambda each: -each.score), list[Region]()
+    for candidate in order:
+        if candidate.score < _LEAST_SCORE * order[0].score:
+            break
+        if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in placed):
+            continue
+        fitted = search.fitted(candidate)
+        regions = [] if fitted is None else [patch.regions[0] for patch in fitted[1]]
+        if fitted is None or any(_overlap(region, other, _LINE) for region in regions for other in placed):
+            continue
+        suggestion, patches = fitted
+        placed += regions
+        search = replace(search, names=search.names | {patch.tool.identifier for patch in patches})
+        yield suggestion
 
 
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """A suggestion for a place, with the patches of its tool and of the twin of that."""
-
-    suggestion: Suggestion
-    patches: list[Attached[WrinkleTool]]
+# A suggestion for a place, with the patches of its tool and of the twin of that.
+_Fitted: TypeAlias = tuple[Suggestion, list[Attached[WrinkleTool]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,56 +202,31 @@ class _Search:
     Attributes:
         further: As in `fit_tools`.
         twins: By the name of a mesh, the mesh of the other side.
-        one_sided: True to accept one of a pair alone, if the pair would overlap.
         names: Identifiers that tools have already.
     """
 
     further: Sequence[Clip]
     twins: Mapping[str, MeasuredMesh]
-    one_sided: bool = False
     names: frozenset[str] = frozenset()
 
-    def ranked(self, candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
-        """Suggestions, best first."""
-        order = sorted(candidates, key=lambda each: -each.score)
-        search, placed = self, list[Region]()
-        for candidate in order:
-            if candidate.score < _LEAST_SCORE * order[0].score:
-                break
-            if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in placed):
-                continue
-            fitted = search._fit(candidate)
-            if fitted is None:
-                continue
-            regions = [patch.regions[0] for patch in fitted.patches]
-            if any(_overlap(region, other, _LINE) for region in regions for other in placed):
-                continue
-            placed += regions
-            search = replace(search, names=search.names | {patch.tool.identifier for patch in fitted.patches})
-            yield fitted.suggestion
-
-    def _fit(self, candidate: Candidate) -> _Fitted | None:
+    def fitted(self, candidate: Candidate) -> _Fitted | None:
         """The tool of a candidate, with its twin if it has one; None if it does not attach or shorten."""
-        region = candidate.region
-        apart = not region.on_plane and abs(float(region.centre[0])) > _APART * min(region.length, region.width)
-        if region.twin and not (apart or region.on_plane or self.one_sided):
-            return None
         near = _near_joint(candidate)
         refined = None if near is None else _refined(near)
         if refined is None:
             return None
         curved = _curved(refined)
-        fitted = self._fit_refined(curved, apart=apart)
+        fitted = self._fit_refined(curved)
         if curved is refined.candidate:
             return fitted
-        straight = self._fit_refined(refined.candidate, apart=apart)
+        straight = self._fit_refined(refined.candidate)
         if fitted is None or straight is None:
             return fitted or straight
-        others = (straight.suggestion, *fitted.suggestion.others)
-        return replace(fitted, suggestion=replace(fitted.suggestion, others=others))
+        others = (straight[0], *fitted[0].others)
+        return replace(fitted[0], others=others), fitted[1]
 
-    def _fit_refined(self, candidate: Candidate, *, apart: bool) -> _Fitted | None:
-        """Fit a tool to a candidate with refined ends, as `_fit`; `apart` is True if it is clear of its twin."""
+    def _fit_refined(self, candidate: Candidate) -> _Fitted | None:
+        """Fit a tool to a candidate with refined ends, as `fitted`."""
         mesh, region, driver = candidate.mesh, candidate.region, candidate.driver
         stem, side = stem_and_side(driver)
         stem = candidate.place.stem if candidate.place else stem
@@ -256,19 +234,17 @@ class _Search:
         side = "" if region.on_plane else side
         choices = [[tool_of(candidate, f"{stem}.{side}" if side else stem, width_of(candidate))]]
         # `mirror` would exchange the side in the node's name too.
-        if region.twin and apart and not (mesh.node is not None and split_side(mesh.node)[1]):
+        if region.twin and not region.on_plane and not (mesh.node is not None and split_side(mesh.node)[1]):
             choices.insert(0, pair_of(candidate, stem, side))
         by_weight = driver if candidate.by_morph and region.on_plane else ""
         for tools in choices:
             named = renamed(tools, stem, self.names)
-            found = attached_and_folded(mesh, named, _least_shortening(candidate), by_weight, at_once=True)
+            found = attached_and_folded(mesh, named, _least_shortening(candidate), by_weight)
             if found is None:
                 continue
             patches, shortenings = found
             if len(patches) == 2 and _overlap(patches[0].regions[0], patches[1].regions[0]):
-                if self.one_sided:
-                    continue
-                return None
+                continue
             ratios = [greatest(each).ratio for each in shortenings]
             if ratios[0] < _RESTS * ratios[-1]:
                 # The tool that the clips fold is written, and `mirror` makes the other.
@@ -305,8 +281,8 @@ class _Search:
             ]
             if all(wide):
                 tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], every)
-                return _Fitted(replace(suggestion, others=(replace(suggestion, tool=tool),)), patches)
-        return _Fitted(suggestion, patches)
+                return replace(suggestion, others=(replace(suggestion, tool=tool),)), patches
+        return suggestion, patches
 
 
 def suggestion_of(

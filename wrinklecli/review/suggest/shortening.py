@@ -98,7 +98,7 @@ def shortenings_of(
 
 
 def attached_and_folded(
-    mesh: MeasuredMesh, tools: list[WrinkleTool], least: float, morph: str = "", *, at_once: bool = False
+    mesh: MeasuredMesh, tools: list[WrinkleTool], least: float, morph: str = ""
 ) -> tuple[list[Attached[WrinkleTool]], list[dict[str, Shortening]]] | None:
     """Attach tools and find the `shortenings_of` each; None if a bake would refuse one, or none shortens enough.
 
@@ -107,11 +107,10 @@ def attached_and_folded(
         tools: One tool, or a pair.
         least: Least shortening, as a part of the rest length.
         morph: A morph target whose weight makes the wrinkles where the skin itself shortens less; empty for none.
-        at_once: Let that weight make them wherever there is one.
     """
     steps = range(_STEP, _LONGER + 1, _STEP) if morph else ()
     fulls = [RestLengthMorph(morph, Length(100.0 + step, percent=True)) for step in steps]
-    for length in fulls if fulls and at_once else [None, *fulls]:
+    for length in [None, *fulls]:
         patches = attached(mesh, [replace(each, rest_length=length) if length else each for each in tools])
         if patches is None:
             return None
