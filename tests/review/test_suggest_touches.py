@@ -106,9 +106,9 @@ def test_a_finger_that_presses_or_hovers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asset", "reason"),
     [
-        (pointing(names=("thing", "tip")), "no joints are named as fingers"),
+        (pointing(names=("thing", "tip")), "no joints are named as fingers, with skin round their ends"),
         (pointing(WAY + np.array([0, 0.05, 0])), "in no clip does a fingertip come to the skin of another limb"),
-        (plate(), "no joints are named as fingers"),
+        (plate(), "no joints are named as fingers, with skin round their ends"),
     ],
 )
 def test_nothing_to_suggest_is_one_line(asset: Asset, reason: str, wrinkle: Wrinkle, tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_the_command_prints_a_file_and_json(drawn: Path, wrinkle: Wrinkle) -> No
     assert [each["name"] for each in data] == [each["name"] for each in listed] == ["touch bone"]
     assert data[0]["by"]["joint"] == listed[0]["by"]["joint"] == "index.R"
     head, row = ran.lines
-    assert head.split() == ["touch", "by", "clip", "time", "slide"]
+    assert head.split() == ["touch", "tip", "clip", "time", "slide"]
     assert row.split()[:3] == ["touch", "bone", "index.R"]
     ran = wrinkle("suggest", drawn, "--touch", "--flesh")
     assert (ran.code, "one or the other" in ran.lines[-1]) == (2, True)

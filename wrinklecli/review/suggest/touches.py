@@ -28,7 +28,8 @@ from wrinklecli.numeric.closest import closest_point
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Touch, TouchWrinkles
-from wrinklecli.tools.records import JointPoint, Length, RefinementSettings, ToolsFile
+from wrinklecli.tools.mirror import numbered
+from wrinklecli.tools.records import JointPoint, Length, RefinementSettings, ToolsFile, identifier
 from wrinklecli.tools.yaml_tree import printable
 
 # A tip touches where its middle is at most so many of its radii from other skin: animators leave a gap.
@@ -93,23 +94,34 @@ class _Skin(NamedTuple):
         return np.flatnonzero(~own[self.ground.surface.triangles].any(axis=1))
 
 
-class _Contact(NamedTuple):
-    """A tip at skin: the clip, seconds, the mesh, a triangle and (3,) barycentric coordinates, and a gap.
+class _Near(NamedTuple):
+    """A tip near skin, at seconds of a clip: the mesh, a triangle and (3,) barycentric coordinates, and the distance.
 
     Attributes:
-        nearest: Seconds at which the tip comes nearest.
-        gap: Distance of the tip's surface from the skin then; negative inside.
-        way: (3,) unit direction from the tip's middle to the skin then, world space.
+        distance: From the tip's middle to the skin.
+        way: (3,) unit direction there, world space.
     """
 
-    clip: Clip
     time: float
     skin: _Skin
     triangle: int
     shares: Floats
-    nearest: float
-    gap: float
+    distance: float
     way: Floats
+
+    @property
+    def place(self) -> Floats:
+        """(3,) the place at rest, world space."""
+        ground = self.skin.ground
+        return np.asarray(self.shares @ ground.rest.positions[ground.surface.triangles[self.triangle]])
+
+
+class _Contact(NamedTuple):
+    """A tip at skin in a clip: when it comes, and when it is nearest."""
+
+    clip: Clip
+    first: _Near
+    nearest: _Near
 
 
 def suggest_touches(
@@ -131,66 +143,51 @@ def suggest_touches(
         return [], [], f"it has no clip in which a fingertip could come near; {_BY_HAND}"
     settings = ToolsFile(path=document.path)
     skins = [_Skin.of(read_ground(document, node, [], settings, clips)) for node in nodes]
-    fingers = _fingers(hierarchy, bones, skins)
-    if not fingers:
-        return [], [], f"no joints are named as fingers; {_BY_HAND}"
-    tips = _tips(fingers, hierarchy, bones, skins)
+    tips = _tips(hierarchy, bones, skins)
     if not tips:
-        return [], [], f"no mesh has skin at the ends of its fingers; {_BY_HAND}"
+        return [], [], f"no joints are named as fingers, with skin round their ends; {_BY_HAND}"
     found: dict[str, Entry] = {}
     notes: list[str] = []
     contacts = [_contacts(tips, skins, clip, fps) for clip in clips]
     for tip, in_clips in zip(tips, zip(*contacts, strict=True), strict=True):
         own: list[Touch] = []
         for contact in (each for in_clip in in_clips for each in in_clip):
-            if any(_is_there(each, contact) for each in own):
+            place = contact.first.place
+            # A touch of the same tip has the place already.
+            if any(float(np.linalg.norm(place - np.array(each.at))) < 2.0 * each.pad for each in own):
                 continue
-            name = _free_name(hierarchy.names[_mover(contact)], found)
+            corners = contact.first.skin.ground.surface.triangles[contact.first.triangle]
+            joint = int(contact.first.skin.movers[corners[int(contact.first.shares.argmax())]])
+            name = f"touch {hierarchy.names[joint]}"
+            name = numbered(name, found) if identifier(name) in found else name
             made = _fitted(name, tip, contact, hierarchy, nodes)
             if isinstance(made, str):
                 notes.append(made)
             else:
                 own.append(made.effect)
-                found[name] = made
+                found[identifier(name)] = made
     chosen = sorted(found.values(), key=lambda each: -float(each.facts["slide"]))
-    return (
-        chosen,
-        list(dict.fromkeys(notes)),
-        "" if chosen else f"in no clip does a fingertip come to the skin of another limb; {_BY_HAND}",
-    )
+    reason = "" if chosen else f"in no clip does a fingertip come to the skin of another limb; {_BY_HAND}"
+    return chosen, list(dict.fromkeys(notes)), reason
 
 
-def _fingers(hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[int]:
-    """The joints of fingers, and nodes below them that mark a finger's end."""
+def _tips(hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[_Tip]:
+    """The ends of fingers with skin round them. A node below a finger's joints may mark its end."""
     joints = {int(node) for skin in skins for node in skin.ground.rig.joints}
     named = [k for k, part in enumerate(bones.parts) if part == "finger"]
-    return [k for k in named if k in joints or int(hierarchy.parents[k]) in joints]
-
-
-def _tips(fingers: Sequence[int], hierarchy: Hierarchy, bones: Bones, skins: Sequence[_Skin]) -> list[_Tip]:
-    """The ends of fingers with skin round them."""
-    inner = {int(hierarchy.parents[k]) for k in fingers}
+    fingers = [k for k in named if k in joints or int(hierarchy.parents[k]) in joints]
     found = []
-    for node in fingers:
-        if node in inner:
-            continue
-        top = _top_of_arm(node, hierarchy, bones)
+    for node in sorted(set(fingers).difference(hierarchy.parents[fingers].tolist())):
+        line, parent = [*hierarchy.upwards(node)], int(hierarchy.parents[node])
+        # The innermost bone of the arm.
+        tops = (each for part in _ARM for each in line[::-1] if bones.parts[each] == part)
+        top = next(tops, node)
         arm = frozenset(k for k in range(len(hierarchy.parents)) if top in hierarchy.upwards(k))
         # A joint at the very end of a finger moves no skin.
-        ends = (node, int(hierarchy.parents[node]) if int(hierarchy.parents[node]) in fingers else -1)
-        made = next((tip for end in ends if end >= 0 and (tip := _tip(node, end, arm, hierarchy, skins))), None)
+        ends = [node, parent] if parent in fingers else [node]
+        made = next((tip for end in ends if (tip := _tip(node, end, arm, hierarchy, skins))), None)
         found += [] if made is None else [made]
     return found
-
-
-def _top_of_arm(node: int, hierarchy: Hierarchy, bones: Bones) -> int:
-    """The innermost bone of the arm of a finger."""
-    line = [*hierarchy.upwards(node)]
-    for part in _ARM:
-        named = [each for each in line if bones.parts[each] == part]
-        if named:
-            return named[-1]
-    return node
 
 
 def _tip(node: int, end: int, arm: frozenset[int], hierarchy: Hierarchy, skins: Sequence[_Skin]) -> _Tip | None:
@@ -223,18 +220,16 @@ def _contacts(tips: Sequence[_Tip], skins: Sequence[_Skin], clip: Clip, fps: flo
     rests, moved = node_matrices(rig, None, np.zeros(1), nodes)[0], node_matrices(rig, clip, times, nodes)
     middles = [_carried(rests[k], moved[:, k], tip.middle) for k, tip in enumerate(tips)]
     others = [[each.other_triangles(tip.arm) for each in skins] for tip in tips]
-    held: list[list[tuple[float, _Skin, int, Floats, float, Floats]]] = [[] for _ in tips]
+    held: list[list[_Near]] = [[] for _ in tips]
     found: list[list[_Contact]] = [[] for _ in tips]
     for row, time in enumerate(times.tolist()):
         posed = [each.mesh.positions_at(clip, time) for each in skins]
         for k, tip in enumerate(tips):
-            near = _nearest(skins, posed, others[k], middles[k][row], _TOUCHES * tip.radius)
-            if near is not None:
-                held[k].append((time, *near))
-            if held[k] and (near is None or time == times[-1]):
-                begun = held[k][0]
-                closest = min(held[k], key=lambda each: each[4])
-                found[k].append(_Contact(clip, *begun[:4], closest[0], closest[4] - tip.radius, closest[5]))
+            near = _nearest(time, skins, posed, others[k], middles[k][row])
+            touches = near is not None and near.distance <= _TOUCHES * tip.radius
+            held[k] += [near] if near is not None and touches else []
+            if held[k] and (not touches or time == times[-1]):
+                found[k].append(_Contact(clip, held[k][0], min(held[k], key=lambda each: each.distance)))
                 held[k] = []
     return found
 
@@ -247,67 +242,40 @@ def _carried(before: Floats, after: Floats, point: Floats) -> Floats:
 
 
 def _nearest(
-    skins: Sequence[_Skin], posed: Sequence[Floats], others: Sequence[Ints], middle: Floats, reach: float
-) -> "tuple[_Skin, int, Floats, float, Floats] | None":
-    """The skin within a reach of a tip's middle: mesh, triangle, barycentric coordinates, distance, direction.
+    time: float, skins: Sequence[_Skin], posed: Sequence[Floats], others: Sequence[Ints], middle: Floats
+) -> _Near | None:
+    """The skin that is nearest to a tip's middle at a time; None without any.
 
     The meshes have (vertices, 3) `posed` positions, and `others` are their (triangles,) that count.
     """
-    best: tuple[_Skin, int, Floats, float, Floats] | None = None
+    found = []
     for skin, positions, triangles in zip(skins, posed, others, strict=True):
-        if not len(triangles):
-            continue
-        number, shares, place = closest_point(positions, skin.ground.surface.triangles[triangles], middle)
-        way = place - middle
-        distance = float(np.linalg.norm(way))
-        if distance <= reach and (best is None or distance < best[3]):
-            best = skin, int(triangles[number]), shares, distance, unit(way) if distance else np.zeros(3)
-    return best
-
-
-def _mover(contact: _Contact) -> int:
-    """The node that moves most of the place of a contact."""
-    corners = contact.skin.ground.surface.triangles[contact.triangle]
-    mesh = contact.skin.mesh
-    return int(mesh.rig.joints[mesh.acting[int((mesh.skin.influences.at(corners).dense() @ contact.shares).argmax())]])
-
-
-def _free_name(joint: str, taken: Mapping[str, Entry]) -> str:
-    """A name for a touch on the skin of a joint."""
-    name, number = f"touch {joint}", 1
-    while name in taken:
-        number += 1
-        name = f"touch {joint} {number}"
-    return name
-
-
-def _is_there(known: Touch, contact: _Contact) -> bool:
-    """True if a touch of the same tip has the place already."""
-    surface, rest = contact.skin.ground.surface, contact.skin.ground.rest
-    place = contact.shares @ rest.positions[surface.triangles[contact.triangle]]
-    return float(np.linalg.norm(place - np.array(known.at))) < 2.0 * known.pad
+        if len(triangles):
+            number, shares, place = closest_point(positions, skin.ground.surface.triangles[triangles], middle)
+            way = place - middle
+            found.append(_Near(time, skin, int(triangles[number]), shares, float(np.linalg.norm(way)), unit(way)))
+    return min(found, key=lambda each: each.distance, default=None)
 
 
 def _fitted(
     name: str, tip: _Tip, contact: _Contact, hierarchy: Hierarchy, nodes: Mapping[int, str | None]
 ) -> Entry | str:
     """The touch of a contact, or the line that says why it does not fit."""
-    ground = contact.skin.ground
+    first, nearest, ground = contact.first, contact.nearest, contact.first.skin.ground
     digits = _DIGITS - int(np.floor(np.log10(float(np.ptp(ground.rest.positions, axis=0).max()))))
-    place = contact.shares @ ground.rest.positions[ground.surface.triangles[contact.triangle]]
     before, then = (
         node_matrices(ground.rig, clip, np.array([time]), [tip.node])[0, 0]
-        for clip, time in ((None, 0.0), (contact.clip, contact.nearest))
+        for clip, time in ((None, 0.0), (contact.clip, nearest.time))
     )
     # The side of the tip that is nearest to the skin then, carried back to rest.
     middle = _carried(before, then, tip.middle)
-    at_rest = _carried(then, before, middle + tip.radius * contact.way)
+    at_rest = _carried(then, before, middle + tip.radius * nearest.way)
     offset = _rounded(at_rest - before[:3, 3], digits)
-    press = max(_LEAST_PRESS, _PRESSED * contact.gap / tip.radius)
+    press = max(_LEAST_PRESS, _PRESSED * (nearest.distance / tip.radius - 1.0))
     touch = Touch(
         name=name,
         node=nodes[ground.rig.node],
-        at=_rounded(place, digits),
+        at=_rounded(first.place, digits),
         pad=float(f"{tip.radius:.3g}"),
         reach=Length(_REACH, percent=True),
         wrinkles=TouchWrinkles(bumps=_BUMPS),
@@ -315,7 +283,7 @@ def _fitted(
         by=JointPoint(hierarchy.names[tip.node], offset),
         where=ground.document.path,
     )
-    left_out = f"{hierarchy.names[tip.node]} in {contact.clip.name} at {contact.time:.2f} s: left out: "
+    left_out = f"{hierarchy.names[tip.node]} in {contact.clip.name} at {first.time:.2f} s: left out: "
     try:
         drag = attach_one(touch, ground).drag
         assert drag is not None, "a tip drags the skin of a touch"
@@ -331,9 +299,9 @@ def _fitted(
     # The greatest slide in the clip, scene units.
     slide = max(np.hypot(*rows[:, 1:3].T).max() for rows in drag.drive.strokes_in(ground.rig.own, contact.clip))
     does = f"slides the skin by {slide:.3g}" if slide else "presses it"
-    when = f"in clip {printable(contact.clip.name, 90)} at {contact.time:.2f} s"
+    when = f"in clip {printable(contact.clip.name, 90)} at {first.time:.2f} s"
     assert touch.by is not None
-    facts = {"by": touch.by.joint, "clip": contact.clip.name, "time": contact.time, "slide": float(slide)}
+    facts = {"tip": touch.by.joint, "clip": contact.clip.name, "time": first.time, "slide": float(slide)}
     return Entry(touch, remarks=[f"{printable(touch.by.joint, 90)} comes {when}, and {does}"], facts=facts)
 
 
