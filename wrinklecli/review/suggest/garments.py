@@ -346,5 +346,5 @@ def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> Suggeste
         gpu_bytes=draft.gpu_bytes,
         own_bytes=grown_bytes(plan),
         levels=plan.fine.subdivision.levels,
-        judgement=Score.of(mean_of([each.score.merits for each in raised])),
+        judgement=Score.of(mean_of([score.merits for score, _ in raised])),
     )

@@ -6,8 +6,9 @@ its base, its middle and its tip.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cached_property
+from itertools import takewhile
 from typing import Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.tools.mirror import split_side
 
 Aspect = Literal[
@@ -117,38 +118,33 @@ class NamedBody:
     @cached_property
     def _fingers(self) -> dict[int, tuple[str, Aspect]]:
         """For each joint of a finger the finger's name, and the joint's. Five fingers without names are in order."""
-        found: dict[int, tuple[str, Aspect]] = {}
+        names = {}
         for roots in self._hands.values():
             for order, root in enumerate(roots):
                 words = words_of(self.hierarchy.names[root])
-                names = [name for pattern, name in _FINGERS.items() if re.search(rf"\b({pattern})", words)]
-                if not names:
-                    names = [[*_FINGERS.values()][order] if len(roots) == len(_FINGERS) else NOUNS["finger"]]
-                for joint, phalanx in zip(self._chain(root), _PHALANGES, strict=False):
-                    found[joint] = names[0], phalanx
-        return found
+                said = [name for pattern, name in _FINGERS.items() if re.search(rf"\b({pattern})", words)]
+                usual = [*_FINGERS.values()][order] if len(roots) == len(_FINGERS) else NOUNS["finger"]
+                names[root] = said[0] if said else usual
+        lines = {node: self._line(node) for node, part in enumerate(self.bones.parts) if part == "finger"}
+        return {
+            node: (names[line[-1]], _PHALANGES[len(line) - 1])
+            for node, line in lines.items()
+            if len(line) <= len(_PHALANGES)
+        }
+
+    def _line(self, node: int) -> list[int]:
+        """A joint of a finger and those of the finger above it."""
+        return [*takewhile(lambda each: self.bones.parts[each] == "finger", self.hierarchy.upwards(node))]
 
     @cached_property
     def _hands(self) -> dict[int, list[int]]:
-        """For each hand the first joint of each finger, in the order of their names."""
-        parts, parents = self.bones.parts, self.hierarchy.parents
-        found: dict[int, list[int]] = {}
+        """For each hand, -1 for none, the first joint of each finger, in the order of their names."""
+        parts, found = self.bones.parts, dict[int, list[int]]()
         for node, part in enumerate(parts):
-            above = int(parents[node])
-            if part != "finger" or (above >= 0 and parts[above] == "finger"):
-                continue
-            while above >= 0 and parts[above] != "hand":
-                above = int(parents[above])
-            found.setdefault(above, []).append(node)
+            if part == "finger" and self._line(node) == [node]:
+                hand = next((each for each in self.hierarchy.upwards(node) if parts[each] == "hand"), -1)
+                found.setdefault(hand, []).append(node)
         return {hand: sorted(roots, key=self.hierarchy.names.__getitem__) for hand, roots in found.items()}
-
-    def _chain(self, root: int) -> Iterator[int]:
-        """The joints of a finger from its first on."""
-        parents: Ints = self.hierarchy.parents
-        while root >= 0:
-            yield root
-            below = [k for k in np.flatnonzero(parents == root).tolist() if self.bones.parts[k] == "finger"]
-            root = below[0] if below else -1
 
     @cached_property
     def _palms(self) -> dict[int, Floats]:

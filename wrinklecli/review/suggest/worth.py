@@ -207,10 +207,11 @@ def _judged(
     """
     placement, limb = placed[suggestion.tool.name], not suggestion.by_morph
     look = look_in(asset, placement, suggestion.clip, suggestion.time, limb=limb)
+    score, tallest = look or (None, None)
     judged = replace(
         suggestion,
-        judgement=None if look is None else look.score,
-        height=0.0 if look is None else look.tallest.height,
+        judgement=score,
+        height=0.0 if tallest is None else tallest.height,
         gpu_bytes=_cost(placed),
         own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
         is_judged=True,
@@ -218,13 +219,13 @@ def _judged(
     if checked is None:
         return judged
     dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
-    if look is None or judged.judgement is None:
+    if score is None or tallest is None:
         return dropped("not raised", 0.0)
-    if not judged.judgement.is_kept:
-        return dropped(*judged.judgement.reason)
-    if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(look.tallest):
+    if not score.is_kept:
+        return dropped(*score.reason)
+    if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(tallest):
         tool = replace(suggestion.tool, contact=Contact()) if kind_of("folds").is_installed else suggestion.tool
-        judged = replace(judged, tool=tool, crossings=look.tallest.crossings, gpu_bytes=_cost(placed, tool.contact))
+        judged = replace(judged, tool=tool, crossings=tallest.crossings, gpu_bytes=_cost(placed, tool.contact))
     warning, needed = _checked(suggestion, placed, checked)
     if not warning:
         return judged
@@ -256,44 +257,15 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
     return (warnings or [""])[0], needed
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """A look at a tool.
-
-    Attributes:
-        placement: The tool on the refined mesh.
-        best: The tool where one sees it best, with what may hide it then, and the side from which.
-        tallest: The tool at its peak, where a fold may hide it.
-        limb: True if a limb folds there.
-    """
-
-    placement: Placement
-    best: StagedTool
-    sight: Sight
-    side: Side
-    tallest: StagedTool
-    limb: bool
-
-    @property
-    def score(self) -> Score:
-        """Measure and weigh the tool."""
-        side, crests = look_at(self.best, self.sight, self.side)
-        hard = float(self.placement.plan.fine.hard_shares[self.placement.part.region])
-        light = crests.contrast + _UNNOTICED
-        return Score.of(
-            Merits(
-                seen=side.visible if self.limb else part_not_hidden(self.sight.place, side),
-                crests=crests.contrast * crests.share / light,
-                smooth=1.0 - hard,
-                closed=_closed(self.best) if self.limb else math.nan,
-            )
-        )
-
-
-def look_in(asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool) -> Look | None:
+def look_in(
+    asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool
+) -> tuple[Score, StagedTool] | None:
     """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
 
     `limb` is True if a limb folds there.
+
+    Returns:
+        Its score where one sees it best, and the tool at its peak, where a fold may hide it.
     """
     clip = asset.clip(name)
     first = StagedTool.of(placement, asset.layers, clip, peak)
@@ -310,7 +282,15 @@ def look_in(asset: TriedAsset, placement: Placement, name: str, peak: float, *, 
     start = clip.start if clip.start < peak else clip.end
     best, side = best_moment(start, peak, look)
     assert best is not None
-    return Look(placement, *best, side, first, limb)
+    staged, sight = best
+    side, crests = look_at(staged, sight, side)
+    merits = Merits(
+        seen=side.visible if limb else part_not_hidden(sight.place, side),
+        crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
+        smooth=1.0 - float(placement.plan.fine.hard_shares[placement.part.region]),
+        closed=_closed(staged) if limb else math.nan,
+    )
+    return Score.of(merits), first
 
 
 def _closed(staged: StagedTool) -> float:
