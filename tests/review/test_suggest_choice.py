@@ -11,12 +11,9 @@ from kit.asset import Asset, attribute, plate, stored
 from kit.limb import RADIUS, limb_asset
 from kit.prepared import unattached
 from kit.suggested import ends, middle
-from wrinklecli.character.clip import read_clips
-from wrinklecli.character.moved import Motions, moved
 from wrinklecli.choices import Part
-from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.choice import is_limb, joined_expressions, rims_of
+from wrinklecli.review.suggest.choice import is_limb, rims_of
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
 from wrinklecli.surface.sites import spread_sites
 from wrinklecli.surface.strain import read_gauge
@@ -196,27 +193,8 @@ def test_two_brows_that_rise_make_one_tool_across_the_forehead(tmp_path: Path) -
     (tool,) = (each.tool for each in suggested(tmp_path, forehead("browsUp")).tools)
     assert np.abs(np.array(ends(tool))[:, 0]).max() < 1e-3
     assert tool.width.value > 0.08
-    assert tool.rest_length.morph == "browsUp"
-
-
-@pytest.mark.slow
-def test_targets_of_two_sides_are_looked_at_raised_together(tmp_path: Path) -> None:
-    found = suggested(tmp_path, forehead("browUpLeft", "browUpRight"))
-    assert [each.clip for each in found.tools] == ["browUpLeft + browUpRight"]
-
-
-# How far bodies go
-
-
-def test_sides_of_a_face_move_together(tmp_path: Path) -> None:
-    asset = limb_asset(clip=None, morphs=2)
-    asset.gltf["meshes"][0]["extras"]["targetNames"] = ["browDownLeft", "browDownRight"]
-    document = moved(read_document(asset.write(tmp_path / "limb.glb")), [0], Motions()).document
-    *turns, both = joined_expressions(read_clips(document))
-    assert all(clip.channels[0].path == "rotation" for clip in turns)
-    assert (both.name, both.end) == ("browDownLeft + browDownRight", 1.0)
-    (channel,) = both.channels
-    assert channel.values[-1].tolist() == [1.0, 1.0]
+    # The skin itself shortens enough.
+    assert tool.rest_length == "auto"
 
 
 def test_a_limb_that_is_hard_is_left_out_and_the_reason_says_so(tmp_path: Path) -> None:

@@ -33,7 +33,6 @@ from wrinklecli.surface.substance import (
     substance_of,
 )
 from wrinklecli.surface.swatch import Pictures
-from wrinklecli.tools.mirror import split_side
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
 # VRoid's morph targets are `Fcl_MTH_A` and `Fcl_EYE_Close`.
@@ -48,8 +47,6 @@ _OPPOSITE = -0.3
 # Parts of a body whose joints fold what is around them. Around others it slides, bulges or is stiff: of 64 places there
 # that were judged by eye, twice each, 4 % of looks kept one. An upper arm folds a garment, whose field is looked at.
 _FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "upper leg", "lower leg", "toes"))
-# What is between the names of motions in the name of the one that joins them.
-JOINED = " + "
 
 
 def why_unfolded(name: str, *, limb: bool) -> str:
@@ -85,28 +82,6 @@ def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> 
         if not why_unfolded(clip.name if by_morph else names[node], limb=limb):
             found.append(clip)
     return found
-
-
-def joined_expressions(clips: Sequence[Clip]) -> Iterator[Clip]:
-    """Join motions that raise morph targets if their names differ by the side, or if all raise brows; others stay."""
-    groups: dict[str, list[Clip]] = {}
-    for clip in clips:
-        if clip.channels[0].path != "weights":
-            yield clip
-            continue
-        raises = re.search("brow|brw", clip.name, re.IGNORECASE) and re.search("up|raise", clip.name, re.IGNORECASE)
-        groups.setdefault("brows up" if raises else split_side(clip.name)[0], []).append(clip)
-    for group in groups.values():
-        first = group[0]
-        channels = {channel.node: channel for channel in first.channels}
-        for clip in group[1:]:
-            for channel in clip.channels:
-                known = channels.get(channel.node)
-                added = channel.values - channel.values[:1]
-                values = channel.values if known is None else known.values + added
-                channels[channel.node] = replace(known or channel, values=values)
-        name = JOINED.join(clip.name for clip in group)
-        yield replace(first, name=name, channels=tuple(channels.values()))
 
 
 def choose_candidates(

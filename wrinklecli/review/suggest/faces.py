@@ -121,7 +121,7 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
             fitted = None if motion is None else _fit(face, region, side, motion, clips)
             if isinstance(fitted, Suggestion):
                 tools.append(fitted)
-                motions |= {clip.name: clip for clip in motion or () if clip.name == fitted.clip}
+                motions |= {} if motion is None else {motion.name: motion}
             else:
                 of_side = region.title + {"": "", "L": ", left", "R": ", right"}[side]
                 notes.append(f"{where}: no tool for {of_side}: {fitted or 'no target on this side'}")
@@ -137,32 +137,28 @@ def _moved_count(document: Document, rig: Rig, targets: Sequence[FaceTarget]) ->
     return int(np.any(read_surface(document, rig).morph_deltas[numbers], axis=(0, 2)).sum())
 
 
-def _motion(face: Face, region: FaceRegion, side: Side) -> tuple[Clip, ...] | None:
-    """The targets of a region's motions raised one at a time, and last together; None if there are none on a side."""
-    targets, rig = face.of(region.targets, side), face.mesh.rig
-    if not targets:
-        return None
+def _motion(face: Face, region: FaceRegion, side: Side) -> Clip | None:
+    """The targets of a region's motions raised together; None if there are none on a side."""
+    targets = face.of(region.targets, side)
     weights: dict[int, float] = {}
     for each in targets:
         weights |= {number: max(weight, weights.get(number, 0.0)) for number, weight in each.weights.items()}
-    singles = [motion_clip(each.name, [raising(rig, each.weights)]) for each in targets]
-    together = motion_clip(" + ".join(each.name for each in targets), [raising(rig, weights)])
-    return (*singles, together) if len(targets) > 1 else (together,)
+    return (
+        motion_clip(" + ".join(each.name for each in targets), [raising(face.mesh.rig, weights)]) if targets else None
+    )
 
 
-def _fit(
-    face: Face, region: FaceRegion, side: Side, motion: tuple[Clip, ...], clips: Sequence[Clip]
-) -> Suggestion | str:
+def _fit(face: Face, region: FaceRegion, side: Side, together: Clip, clips: Sequence[Clip]) -> Suggestion | str:
     """The tool of a region on a side, or of a pair; or why there is none."""
-    mesh = replace(face.mesh, clips=motion, times=(np.linspace(0.0, 1.0, _POSES),) * len(motion))
-    together = motion[-1]
+    mesh = replace(face.mesh, clips=(together,), times=(np.linspace(0.0, 1.0, _POSES),))
     compressed = _compressed(face, region, side, together)
     if compressed is None:
         return f"{together.name} compresses the skin there by less than {100 * LEAST_BY_MORPH:g} %"
-    ends = find_segment(mesh.sites, compressed, [unscaled_pose(mesh.gauge, together, 1.0)])
+    pose = unscaled_pose(mesh.gauge, together, 1.0)
+    ends = find_segment(mesh.sites, compressed, [pose], longest=_longest(face, region))
     if ends is None:
         return f"no segment fits where {together.name} compresses the skin"
-    origin, target = _within(face, ends, _longest(face, region))
+    origin, target = ends
     candidate = Candidate(
         mesh=mesh,
         region=compressed,
@@ -191,14 +187,6 @@ def _narrowest(region: FaceRegion, candidate: Candidate) -> float:
     """Least width of a tool, scene units: lines that are shorter for their width look like dents."""
     length = float(np.linalg.norm(candidate.target - candidate.origin))
     return length / (_BUMP_OF_WIDTH * (1 if region.furrow else usual_bumps("skin")))
-
-
-def _within(face: Face, ends: tuple[Floats, Floats], longest: float) -> tuple[Floats, Floats]:
-    """Two (3,) ends on the surface, nearer to their middle if they are further apart than the longest."""
-    middle, half = (ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0
-    ratio = min(1.0, longest / (2.0 * float(np.linalg.norm(half))))
-    first, last = (face.mesh.rest.foot(middle + sign * ratio * half)[0] for sign in (-1.0, 1.0))
-    return ends if ratio == 1.0 else (first, last)
 
 
 def _compressed(face: Face, region: FaceRegion, side: Side, clip: Clip) -> CompressedRegion | None:

@@ -19,7 +19,7 @@ from wrinklecli.gltf.images import files_of
 from wrinklecli.numeric.guard import Progress, guarded, log_progress
 from wrinklecli.numeric.memory import Memory
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, find_candidates
-from wrinklecli.review.suggest.choice import choose_candidates, folding, joined_expressions
+from wrinklecli.review.suggest.choice import choose_candidates, folding
 from wrinklecli.review.suggest.faces import suggest_face
 from wrinklecli.review.suggest.fitted_tools import Suggestion, fit_tools
 from wrinklecli.review.suggest.flesh import suggest_flesh
@@ -172,10 +172,9 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     if joined.range and not options.clips:
         generated = [clip for clip in clips if clip.name in joined.range]
         others = (clip for clip in clips if clip.name not in joined.range)
-        folds = generated if options.everything else folding(document, nodes, generated)
-        clips = (*others, *joined_expressions(folds))
+        clips = (*others, *(generated if options.everything else folding(document, nodes, generated)))
     meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
-    tried = TriedAsset(document, joined.clips, joined=clips, jobs=options.jobs)
+    tried = TriedAsset(document, joined.clips, jobs=options.jobs)
     garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
     fields, unfit = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
     budget -= sum(each.gpu_bytes for each in fields)

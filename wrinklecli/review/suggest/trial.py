@@ -30,23 +30,19 @@ MOST_LEVELS = 6
 class TriedAsset:
     """An asset on which suggestions are tried; each of its meshes is read, and posed in all clips, once."""
 
-    def __init__(
-        self, document: Document, clips: Sequence[Clip], *, joined: Sequence[Clip] = (), jobs: int = 1
-    ) -> None:
+    def __init__(self, document: Document, clips: Sequence[Clip], *, jobs: int = 1) -> None:
         """Read what the scene shows, without malformed primitives.
 
         Args:
             document: The asset.
             clips: All of the asset.
-            joined: Further clips in which suggestions may be tallest.
             jobs: How many processes may try or look at suggestions.
         """
         self.jobs = jobs
         self.document = document
         self.clips = tuple(clips)
-        every = (*joined, *clips)
-        self.layers = Layers(read_scene(document, leave_out_malformed=True), every)
-        self._by_name = {clip.name: clip for clip in every}
+        self.layers = Layers(read_scene(document, leave_out_malformed=True), clips)
+        self._by_name = {clip.name: clip for clip in reversed(clips)}
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
 

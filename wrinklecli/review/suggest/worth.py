@@ -26,7 +26,6 @@ from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
-from wrinklecli.review.suggest.choice import JOINED
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
@@ -313,14 +312,9 @@ def _has_slit(staged: StagedTool) -> bool:
 def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
     """The clips that shorten a tool most, and the one that shortens its mirror image most."""
     by_name = {clip.name: clip for clip in clips}
-    # Suggestions are measured where morph targets of both sides are raised together.
-    parts = {
-        name: [name] if name in by_name else [part for part in name.split(JOINED) if part in by_name]
-        for name in suggestion.clips
-    }
-    names = sorted((name for name in parts if parts[name]), key=suggestion.clips.__getitem__)[:_MOST_CLIPS]
-    wanted = [part for name in (*names, suggestion.twin_clip) for part in parts.get(name, [name])]
-    return [by_name[name] for name in dict.fromkeys(wanted) if name in by_name]
+    names = sorted(by_name.keys() & suggestion.clips.keys(), key=lambda name: (suggestion.clips[name], name))
+    wanted = dict.fromkeys((*names[:_MOST_CLIPS], suggestion.twin_clip))
+    return [by_name[name] for name in wanted if name in by_name]
 
 
 def frames_of(clip: Clip, rig: Rig) -> Floats:
