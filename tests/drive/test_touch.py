@@ -188,3 +188,7 @@ def test_a_loop_ends_as_it_begins(ways: list[tuple[float, float, float]]) -> Non
     assert np.hypot(*start[:2]) > 0.1 * GRIP
     assert start[:2] == pytest.approx(end[:2], abs=0.002 * GRIP)
     assert (start[2] > 0) == (ways[0][2] < 0)
+    # It comes and goes 3 mm above the skin, on straight ways.
+    stroke = drive.strokes_in(read_rig(document, 0), clip)[-1]
+    low, high = SECONDS / 8 * 27 / 31, SECONDS - SECONDS / 8 * 27 / 31
+    assert stroke[[0, -1], 0] == pytest.approx([0.0, SECONDS] if ways[0][2] < 0 else [low, high], abs=1e-5)
