@@ -28,6 +28,7 @@ from kit.places import ROOT
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.page import Page
 from wrinklecli.editor.page.viewport import axes_of
+from wrinklecli.editor.recent import recent, remember
 from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
@@ -385,18 +386,24 @@ def started(folder: Path, *, browser: str = "true") -> Iterator[tuple[subprocess
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_another_asset_of_the_folder_is_opened_at_the_same_address(folder: Path, tmp_path: Path) -> None:
+def test_another_asset_of_the_folder_or_edited_before_is_opened_at_the_same_address(
+    folder: Path, tmp_path: Path
+) -> None:
     shutil.copy(ROOT / "samples" / "wrist.glb", folder)
     write_tools(folder / "wrist.yaml", tool(name="over", origin=[-0.03, -0.02, 0], target=[0.03, -0.02, 0]))
     (folder / "broken.glb").write_bytes(b"no glTF")
+    far = str(limb(tmp_path / "far.glb", rings=8, sides=6))
+    remember(f"{folder}_own/wrinkle/recent.json", {far: str(tmp_path / "its.yaml")})
     with started(folder) as (_, address), in_browser(tmp_path, address) as tab:
-        for name, words in (("broken.glb", "broken.glb: "), ("wrist.glb", "wrist.yaml"), ("limb.glb", "tools.yaml")):
+        here = [("broken.glb", "broken.glb: "), ("wrist.glb", "wrist.yaml"), ("limb.glb", "tools.yaml")]
+        for name, words in (*here, (far, "its.yaml"), (str(folder / "wrist.glb"), "wrist.yaml")):
             tab.press_field("open")
             tab.press_text(name)
             tab.wait(f"document.body.innerText.includes({words!r})")
-            take_picture(tab, f"opened_{name}")
+            take_picture(tab, f"opened_{Path(name).name}")
         # The page connects anew until the other asset is served.
         assert [each for each in tab.errors if "ERR_CONNECTION_REFUSED" not in each] == []
+    assert [*recent(f"{folder}_own/wrinkle/recent.json")][:2] == [str(folder / "wrist.glb"), far]
 
 
 @pytest.mark.slow

@@ -1,12 +1,10 @@
 """Serve the page at one address and port, only to those who may connect, and only with messages that tabs send."""
 
-import asyncio
 import contextlib
 import gc
 import http
 import logging
 import socket
-import weakref
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
 
@@ -21,8 +19,6 @@ from wrinklecli.editor.page.messages import MAX_BYTES, is_sent
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.memory import leave_room
 
-# Seconds in which the tasks of a connection that has ended end too.
-_COLLECT_SECONDS = 0.5
 # Bytes of the messages that a tab gets first, rounded up: a mesh of 100,000 vertices, packed and sent.
 _TAB = 10**7
 _Answer: TypeAlias = Callable[[ServerConnection, Request], Response | None]
@@ -43,7 +39,6 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     usual = websockets.asyncio.server.serve
     viser.infra.Message.as_serializable_dict = _sendable_dict  # type: ignore
     served: list[viser.ViserServer] = []
-    collected = _Collected()
     waiting: set[ServerConnection] = set()  # tabs that have got nothing yet
 
     def controls() -> Mapping[str, Any]:
@@ -62,7 +57,6 @@ def serve(access: Access, port: int) -> viser.ViserServer:
         def connection_lost(self, exc: Exception | None) -> None:
             super().connection_lost(exc)
             waiting.discard(self)
-            collected.add(self)
 
     def checked_serve(*arguments: Any, process_request: _Answer, **options: Any) -> Any:
         options |= {"max_size": MAX_BYTES, "create_connection": CheckedConnection}
@@ -84,37 +78,6 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     return server
 
 
-class _Collected:
-    """Frees what connections leave behind, in cycles, as Python itself would do after 100,000 more objects.
-
-    A connection keeps what it has sent, up to a megabyte. A limit of memory is reached after some hundreds, and there
-    the packing of messages ends the process.
-    """
-
-    def __init__(self) -> None:
-        self._ended: weakref.WeakSet[ServerConnection] = weakref.WeakSet()
-        self._next: asyncio.TimerHandle | None = None
-        self._seconds = _COLLECT_SECONDS
-
-    def add(self, connection: ServerConnection) -> None:
-        """Free what a connection has left when its tasks have ended too, once for all that end until then."""
-        self._ended.add(connection)
-        if self._next is not None and self._seconds > _COLLECT_SECONDS:
-            self._next.cancel()
-            self._next = None
-        if self._next is None:
-            self._wait(connection.loop, _COLLECT_SECONDS)
-
-    def _wait(self, loop: asyncio.AbstractEventLoop, seconds: float) -> None:
-        self._seconds, self._next = seconds, loop.call_later(seconds, self._collect, loop)
-
-    def _collect(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._next = None
-        gc.collect()
-        if self._ended:  # its tasks take longer
-            self._wait(loop, 2.0 * self._seconds)
-
-
 def _checked(answer: _Answer, access: Access, port: int, waiting: set[ServerConnection]) -> _Answer:
     """Answer the requests to a port that `access` does not refuse, and note the tabs that wait for their messages."""
 
@@ -127,6 +90,8 @@ def _checked(answer: _Answer, access: Access, port: int, waiting: set[ServerConn
         if response is not None:
             response.headers.update(access.headers(port))
             return response
+        # Tabs that are gone leave what they were sent, up to a megabyte each, in cycles, which Python looks for rarely.
+        gc.collect()
         try:
             leave_room(_TAB * (len(waiting) + 1))
         except MemoryError:
