@@ -126,7 +126,7 @@ def test_a_preview_of_tools_resolves_no_contact(monkeypatch: pytest.MonkeyPatch,
 @pytest.mark.slow
 def test_what_takes_too_many_steps_is_solved_no_further(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The poses up to there stay, and what moves nothing stays as well."""
-    monkeypatch.setattr(solution.Steps, "suffice", property(lambda self: self.good < 8))
+    monkeypatch.setattr(solution.March, "goes_on", property(lambda self: self.spare < 8))
     _, report = baked(tmp_path, "resolve")
     (line, *_) = (line for line in report.warnings if "contact" in line)
     (fold,) = report.data["folds"]
@@ -140,10 +140,8 @@ def test_what_takes_too_many_steps_is_solved_no_further(monkeypatch: pytest.Monk
 
 
 def test_steps_in_vain_may_be_as_many_as_others_and_those_of_a_few_poses() -> None:
-    steps, posed = solution.Steps(), SkinnedPose(np.zeros((1, 3)), np.zeros((1, 3, 3)))
-    for converged, suffice in ((True, True), (False, True), (False, True), (False, False), (True, True)):
-        steps.count(SolverState(posed.positions, posed, converged, steps=100))
-        assert steps.suffice == suffice
+    nothing: Any = None
+    assert [solution.March(nothing, nothing, spare=each).goes_on for each in (100, 0, -128, -129)] == [1, 1, 1, 0]
 
 
 def assert_ends_as_without(folder: Path) -> None:

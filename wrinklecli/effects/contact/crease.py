@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -170,7 +170,7 @@ class Crease:
             if found.between is None or found.crossing(combined(weights[frame], self.shapes)).any():
                 weights[frame], crosses = fit_pose(found, self.shapes)
             moved = combined(weights[frame], self.shapes)
-            error = max(error, found.greatest_error(moved))
+            error = max(error, float(found.errors(moved).max(initial=0.0)))
             loss = abs(found.volume_change(moved))
             lost = max(lost, loss)
             # A fit may take no more volume away than it may, and than the solution does.
@@ -275,13 +275,8 @@ class Crease:
         return np.asarray(self.response.weights(reading))
 
 
-@dataclass(frozen=True, slots=True)
-class SolvedPose:
-    """A pose in which contact moves something: seconds of a clip or sweep, and the solution there."""
-
-    clip: Clip
-    time: float
-    found: Solution
+# A pose in which contact moves something: seconds of a clip or sweep, and the solution there.
+SolvedPose: TypeAlias = tuple[Clip, float, Solution]
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,7 +307,7 @@ class MarchedClip:
 
     def poses(self, frames: Iterable[int]) -> Iterator[SolvedPose]:
         """The poses of some frames in which contact moves something."""
-        return (SolvedPose(self.clip, float(self.times[frame]), self.solution(frame)) for frame in frames)
+        return ((self.clip, float(self.times[frame]), self.solution(frame)) for frame in frames)
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,8 +374,8 @@ def given_up_by(fold: Fold, sweeps: Sequence[MarchedClip]) -> GivenUp | None:
     if not failed or any((np.abs(each) >= _FAR).any() for each in strides):
         return None
     frame, reason = min(failed[0].faults.items())
-    reading = fold.hinge.reading(fold.rig, failed[0].clip, failed[0].times[[frame]])
-    return GivenUp(reason, float(np.degrees(reading.rows[0])) if isinstance(fold.hinge, Hinge) else None)
+    turns = fold.degrees(failed[0].clip, failed[0].times[[frame]])
+    return GivenUp(reason, None if turns is None else float(turns[0]))
 
 
 def resolve(
@@ -407,12 +402,12 @@ def resolve(
     """
     weights, shapes = np.zeros((0, 0)), np.zeros((0, len(fold.free_vertices), 3))
     if poses:
-        weights, shapes, _ = fit_poses([each.found for each in poses], share=share, most=most, fewest=fewest)
+        weights, shapes, _ = fit_poses([found for *_, found in poses], share=share, most=most, fewest=fewest)
     return Crease(
         fold=fold,
         shapes=shapes,
-        samples=tuple((weights[k], poses[k].clip, poses[k].time) for k in _chosen(weights)) if poses else (),
-        largest=max((each.found.greatest_move for each in poses), default=0.0) * fold.radius / UNITS,
+        samples=tuple((weights[k], *poses[k][:2]) for k in _chosen(weights)) if poses else (),
+        largest=max((found.greatest_move for *_, found in poses), default=0.0) * fold.radius / UNITS,
     ).sweeping(sweeps)
 
 

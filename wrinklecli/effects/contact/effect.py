@@ -117,7 +117,7 @@ class ContactWords:
         """Count the targets of contact, and the folds."""
         return f"{targets} of contact in {counted(effects, 'fold')}"
 
-    def describe(self, plan: MeshPlan, targets: tuple[str, ...]) -> Json:
+    def describe(self, _plan: MeshPlan, targets: tuple[str, ...]) -> Json:
         """The fold's entry in the report; lengths are scene units."""
         crease, hinge, swept = self.crease, self.crease.fold.hinge, self.crease.swept
         # Clips of equal motion share their solution.
@@ -125,7 +125,7 @@ class ContactWords:
         return {
             "tools": list(self.tools),
             "clip": None,
-            "joint": plan.rig.names[hinge.signal.node] if isinstance(hinge, Hinge) else None,
+            "joint": crease.fold.joint,
             "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
             if isinstance(hinge, Hinge)
             else None,
@@ -152,11 +152,11 @@ class ContactWords:
         """Nothing."""
         return
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """A line about contact that is not wholly resolved, for the worst clip in each respect."""
         assert up in ("y", "z")
         held, left = ([each for each in self.remaining if getattr(each, key)] for key in ("reason", "resolved"))
-        parts = [self._held_words(plan, max(held, key=lambda each: each.poses)) + _and_more(held)] if held else []
+        parts = [self._held_words(max(held, key=lambda each: each.poses)) + _and_more(held)] if held else []
         parts += [self._remaining_words(max(left, key=lambda each: each.resolved)) + _and_more(left)] if left else []
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
@@ -176,13 +176,13 @@ class ContactWords:
             )
         return [f"{', '.join(self.tools)}: {'; '.join(parts)}"] if parts else []
 
-    def _held_words(self, plan: MeshPlan, remaining: Remaining) -> str:
+    def _held_words(self, remaining: Remaining) -> str:
         """Words about the poses of a clip in which contact has a fault, and what is shown there."""
         when = _span(f"{remaining.begin:.3g}", f"{remaining.end:.3g}", " s")
-        where, hinge = "", self.crease.fold.hinge
-        if remaining.degrees is not None and isinstance(hinge, Hinge):
+        where = ""
+        if remaining.degrees is not None:
             turns = _span(f"{remaining.degrees[0]:.0f}", f"{remaining.degrees[1]:.0f}", "°")
-            where = f", where {plan.rig.names[hinge.signal.node]} turns by {turns}"
+            where = f", where {self.crease.fold.joint} turns by {turns}"
         shown = "it fades out there" if remaining.faded else "it keeps its last good state there"
         if remaining.height < 1.0:
             shown += (

@@ -170,6 +170,15 @@ class Fold:
         """(free,) sorted fine vertices that the solver may move."""
         return self.vertices[self.tissue.free_rows]
 
+    @property
+    def joint(self) -> str | None:
+        """Name of the joint that bends it, if one does."""
+        return self.rig.names[self.hinge.signal.node] if isinstance(self.hinge, Hinge) else None
+
+    def degrees(self, clip: Clip, times: Floats) -> Floats | None:
+        """(frames,) turns of that joint at (frames,) seconds of a clip."""
+        return np.degrees(self.hinge.reading(self.rig, clip, times).rows) if isinstance(self.hinge, Hinge) else None
+
     def strides(self, clip: Clip, times: Floats) -> Floats:
         """(frames, parts) angles of the joints at (frames,) seconds of a clip, in strides."""
         return np.stack([each.hinge.strides(self.rig, clip, times) for each in self.parts or (self,)], axis=1)

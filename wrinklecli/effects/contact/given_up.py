@@ -5,12 +5,14 @@ pose does not count: see module `remaining` for what is shown there. A fold in w
 30° gets no contact at all.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
 from wrinklecli.frozen import dataclass
+
+_Result = TypeVar("_Result")
 
 UNSETTLED = "did not settle"
 """The solver ended before its steps were short enough."""
@@ -38,28 +40,11 @@ class GivenUp:
     degrees: float | None = None
 
 
-class UnresolvedError(Exception):
-    """Contact cannot be resolved in a fold."""
-
-    def __init__(self, given_up: GivenUp) -> None:
-        super().__init__(given_up)
-        self.given_up = given_up
-
-    def __str__(self) -> str:
-        """The reason."""
-        return self.given_up.reason
-
-
-@contextmanager
-def degenerate_given_up() -> Iterator[None]:
-    """Give a fold up whose numbers have no answer: ipctk, SciPy and numpy raise different errors there.
-
-    Raises:
-        UnresolvedError: An error of arithmetic or linear algebra, or a bare RuntimeError of the libraries.
-    """
+def unless_degenerate(work: Callable[[], _Result]) -> _Result | None:
+    """The result of some work; None if its numbers have no answer: ipctk, SciPy and numpy raise different errors."""
     try:
-        yield
+        return work()
     except (ArithmeticError, np.linalg.LinAlgError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and type(error) is not RuntimeError:
             raise
-        raise UnresolvedError(GivenUp(DEGENERATE)) from error
+        return None

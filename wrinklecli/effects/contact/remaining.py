@@ -22,7 +22,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.drive.drive import Rows
 from wrinklecli.effects.contact.fold import FAINT, Fold
 from wrinklecli.effects.contact.given_up import TORN, WORSE
-from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
@@ -268,10 +267,7 @@ def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Float
     faulty, most, times = [*followed.faults], int(crossing.argmax()), look.times
     if not faulty and not crossing[most]:
         return None
-    degrees, hinge = None, look.fold.hinge
-    if faulty and isinstance(hinge, Hinge):
-        turns = np.degrees(hinge.reading(look.fold.rig, look.clip, times[faulty]).rows)
-        degrees = (float(turns.min()), float(turns.max()))
+    turns = look.fold.degrees(look.clip, times[faulty]) if faulty else None
     return Remaining(
         look.clip.name,
         float(times[most]),
@@ -283,7 +279,7 @@ def _remaining(look: _Look, followed: "Followed", crossing: Ints, contact: Float
         reason=followed.faults[faulty[0]] if faulty else None,
         begin=float(times[faulty[0]]) if faulty else 0.0,
         end=float(times[faulty[-1]]) if faulty else 0.0,
-        degrees=degrees,
+        degrees=None if turns is None else (float(turns.min()), float(turns.max())),
         faded=bool((contact < 1.0).any()),
         height=float(height.min()),
     )

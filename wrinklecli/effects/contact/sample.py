@@ -1,12 +1,12 @@
 """Contact over clips: each fold is solved once for its joint's own motion, then every clip is marched and followed."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from operator import call
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
-from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, UnresolvedError, degenerate_given_up
+from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, unless_degenerate
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     )
     from wrinklecli.effects.contact.fold import Fold
     from wrinklecli.effects.contact.kept import SolvedSystem
+    from wrinklecli.effects.contact.system import System
 
-_Result = TypeVar("_Result")
 # Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
 _Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 
@@ -192,11 +192,12 @@ def _solved_system(members: "list[Fold]", *, clips: _Clips, jobs: int) -> "Solve
     """
     from wrinklecli.effects.contact.crease import given_up_by, march_clip
     from wrinklecli.effects.contact.kept import SolvedSystem
+    from wrinklecli.effects.contact.system import System
 
     crossing = [fold for fold in members if fold.crosses]
-    reasons = [_outcome(partial(_prepare, fold)) for fold in crossing]
-    ready = [fold for fold, reason in zip(crossing, reasons, strict=True) if reason is None]
-    given_up = [(fold, reason) for fold, reason in zip(crossing, reasons, strict=True) if reason is not None]
+    # What all processes use is computed once.
+    ready = [fold for fold in crossing if unless_degenerate(partial(_collides, fold))]
+    given_up = [(fold, GivenUp(DEGENERATE)) for fold in crossing if not any(fold is each for each in ready)]
     shared = [part for fold in ready for part in (fold, fold.tissue)]
     straight = [partial(march_clip, fold, *sweep) for fold in ready for sweep in fold.hinge.straight]
     found = iter([*in_processes(call, straight, jobs, shared=shared)])
@@ -210,41 +211,31 @@ def _solved_system(members: "list[Fold]", *, clips: _Clips, jobs: int) -> "Solve
             given_up.append((fold, reason))
     if not sound:
         return SolvedSystem(given_up, [])
-    solver = _Solver([fold for fold, _ in sound], clips)
+    folds = [fold for fold, _ in sound]
+    system = System(tuple(folds), {n: (clip, clips.times_for(folds, clip)) for n, clip in clips.moving.items()})
+    size = sum(_VERTEX_BYTES * len(each.vertices) + _FREE_BYTES * len(each.free_vertices) for each in folds)
+    frames = np.cumsum([len(times) for _, times in system.clips.values()])
+    # Clips beyond these are solved again whenever they are asked for.
+    kept = [*system.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
     leaning = [partial(march_clip, fold, *sweep) for fold, _ in sound for sweep in fold.hinge.leaning]
     # Clips take longest, so they are begun first.
-    work: list[Callable[[], MarchedClip]] = [*solver.work, *leaning]
-    with closing(in_processes(call, work, jobs, shared=solver.shared)) as results:
-        solver.keep(results)
+    work = [*(partial(march_clip, system.fold, *system.clips[number]) for number in kept), *leaning]
+    with closing(in_processes(call, work, jobs, shared=system.shared)) as results:
+        system.kept.update(zip(kept, results, strict=False))
         for fold, sweeps in sound:
             sweeps += [next(results) for _ in fold.hinge.leaning]
     spanned: list[tuple[Crease, dict[int, Followed]]] = []
     for fold, sweeps in sound:
-        fit = _outcome(partial(_spanned, fold, sweeps, spanned, solver))
-        if isinstance(fit, GivenUp):
-            return SolvedSystem([*given_up, *((fold, fit) for fold, _ in sound)], [])
+        fit = unless_degenerate(partial(_spanned, fold, sweeps, spanned, system))
+        if fit is None:
+            return SolvedSystem([*given_up, *((fold, GivenUp(DEGENERATE)) for fold in folds)], [])
         spanned.append(fit)
     return SolvedSystem(given_up, spanned)
 
 
-def _prepare(fold: "Fold") -> None:
-    """Make a fold ready for the solver, once for all processes.
-
-    Raises:
-        UnresolvedError: All of it crosses at rest.
-    """
-    fold.tissue.prepare()
-    if not fold.tissue.colliding.any():
-        raise UnresolvedError(GivenUp(DEGENERATE))
-
-
-def _outcome(work: Callable[[], _Result]) -> _Result | GivenUp:
-    """The result of some work, or the reason why a fold is not resolved."""
-    try:
-        with degenerate_given_up():
-            return work()
-    except UnresolvedError as error:
-        return error.given_up
+def _collides(fold: "Fold") -> bool:
+    """True if anything of a fold may touch."""
+    return fold.tissue.collides
 
 
 def _free_count(members: "Sequence[Fold]") -> int:
@@ -313,52 +304,12 @@ def _given_up(
     """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
     from wrinklecli.effects.contact.remaining import heights_without
 
-    joint = plan.rig.names[fold.hinge.signal.node] if isinstance(fold.hinge, Hinge) else None
     tools = tuple(patch.tool.name for patch in fold.patches)
     beside = tuple(patch.tool.name for each in members for patch in each.patches if patch.tool.name not in tools)
     name = _identifier(plan, fold, effects)
     kept = {number: heights_without(fold, clip) for number, clip in clips.moving.items()}
     heights = {clip.name: kept[first] for clip, first in clips.named if (kept[first].weights < 1.0).any()}
-    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, joint, given_up, beside, heights))
-
-
-class _Solver:
-    """Solves clips for folds that are solved together, and keeps as many solutions as memory allows."""
-
-    def __init__(self, folds: "Sequence[Fold]", clips: _Clips) -> None:
-        from wrinklecli.effects.contact.system import System
-
-        self._system, self.clips = System(tuple(folds)), clips.moving
-        self._times = {number: clips.times_for(folds, clip) for number, clip in self.clips.items()}
-        size = sum(_VERTEX_BYTES * len(each.vertices) + _FREE_BYTES * len(each.free_vertices) for each in folds)
-        frames = np.cumsum([len(times) for times in self._times.values()])
-        # Clips beyond these are solved again whenever they are asked for.
-        self._numbers = [*self.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
-        self.kept: dict[int, MarchedClip] = {}
-
-    @property
-    def work(self) -> "list[Callable[[], MarchedClip]]":
-        """The work to solve the clips that are kept."""
-        return [partial(self._march, number) for number in self._numbers]
-
-    @property
-    def shared(self) -> list[object]:
-        """The objects that the solutions of clips and of sweeps refer to."""
-        return self._system.shared(self.clips.values())
-
-    def keep(self, solved: "Iterator[MarchedClip]") -> None:
-        """Keep the results of `work`, the first of some."""
-        self.kept = {number: next(solved) for number in self._numbers}
-
-    def part(self, before: _Spanned, number: int) -> "MarchedClip":
-        """A clip, solved, for the fold behind those before it, whose weights are taken for granted."""
-        fitted = [(crease, marches[number].weights) for crease, marches in before]
-        return self._system.part(len(fitted), self.kept.get(number) or self._march(number), fitted)
-
-    def _march(self, number: int) -> "MarchedClip":
-        from wrinklecli.effects.contact.crease import march_clip
-
-        return march_clip(self._system.fold, self.clips[number], self._times[number])
+    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, fold.joint, given_up, beside, heights))
 
 
 def _followed(
@@ -403,18 +354,21 @@ def _followed(
 
 
 def _spanned(
-    fold: "Fold", sweeps: "Sequence[MarchedClip]", before: _Spanned, solver: _Solver
+    fold: "Fold", sweeps: "Sequence[MarchedClip]", before: _Spanned, system: "System"
 ) -> "tuple[Crease, dict[int, Followed]]":
     """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips."""
     from wrinklecli.effects.contact.crease import resolve
 
-    every = {number: solver.part(before, number) for number in solver.kept}
+    def divided(number: int) -> "MarchedClip":
+        return system.part(number, [(crease, marches[number].weights) for crease, marches in before])
+
+    every = {number: divided(number) for number in system.kept}
 
     def part(number: int) -> "MarchedClip":
-        return every.get(number) or solver.part(before, number)
+        return every.get(number) or divided(number)
 
     chosen = [pose for each in sweeps for pose in each.poses(_some(each.touching))]
-    for number in solver.clips if fold.per_clip else ():
+    for number in system.clips if fold.per_clip else ():
         solved = part(number)
         chosen += solved.poses(_some(solved.touching))
     found: list[tuple[Crease, dict[int, Followed], tuple[int, int]]] = []
@@ -428,7 +382,7 @@ def _spanned(
             for pose in solved.poses(_some(each.unspanned))
         ]
         followed: dict[int, Followed] = {}
-        for number in solver.clips:
+        for number in system.clips:
             solved = part(number)
             followed[number] = crease.follow(solved)
             if fold.per_clip:

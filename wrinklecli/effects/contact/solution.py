@@ -2,20 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import REACH_RADII, Fold
-from wrinklecli.effects.contact.given_up import (
-    TOO_MANY_STEPS,
-    TORN,
-    UNSETTLED,
-    UnresolvedError,
-    degenerate_given_up,
-)
+from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, unless_degenerate
 from wrinklecli.effects.contact.hinge import STRIDE
 from wrinklecli.effects.contact.march import march
 from wrinklecli.effects.contact.response import Response
@@ -92,10 +86,6 @@ class Solution:
         posed = np.einsum("vij,vj->vi", self.matrices, self.moved - moved)
         return np.asarray(np.sqrt(np.sum(posed**2, axis=1)))
 
-    def greatest_error(self, moved: Floats) -> float:
-        """Greatest distance of another move from the solution, solver's units."""
-        return float(self.errors(moved).max(initial=0.0))
-
     def with_neighbours(self, marked: Bools) -> Bools:
         """(free,) the marked vertices and their neighbours."""
         rows, every = self.tissue.free_rows, np.zeros(len(self.positions), bool)
@@ -154,31 +144,6 @@ class Solution:
 
 
 @dataclass(slots=True)
-class Steps:
-    """Counts the solver's Newton steps in one motion.
-
-    Attributes:
-        good: Those in poses that settle.
-        vain: Those in others.
-    """
-
-    good: int = 0
-    vain: int = 0
-
-    def count(self, state: SolverState) -> None:
-        """Count those of one more pose."""
-        if state.converged:
-            self.good += state.steps
-        else:
-            self.vain += state.steps
-
-    @property
-    def suffice(self) -> bool:
-        """False if there are too many in vain."""
-        return self.vain <= _MOST_STEPS + self.good
-
-
-@dataclass(slots=True)
 class March:
     """The solver's way through the poses of a fold.
 
@@ -194,7 +159,7 @@ class March:
         fold: The fold.
         response: That of its surface in one clip.
         reached: The solved poses from which others start.
-        steps: The solver's steps so far.
+        spare: Newton steps so far in poses that settle, less those in others.
         fault: The reason why poses that are not solved do not count: that of the last one that was.
         spans: The pairs of solved poses between which others lie.
         count: Number of poses so far.
@@ -203,10 +168,15 @@ class March:
     fold: Fold
     response: Response
     reached: "list[_Reached]" = field(default_factory=list)
-    steps: Steps = field(default_factory=Steps)
+    spare: int = 0
     fault: str = UNSETTLED
     spans: "list[_Span]" = field(default_factory=list)
     count: int = 0
+
+    @property
+    def goes_on(self) -> bool:
+        """False if there were too many steps in vain."""
+        return self.spare >= -_MOST_STEPS
 
     def through(self, clip: Clip, times: Floats, strides: Floats) -> Iterator[Solution]:
         """Solve the fold at (frames,) seconds of a clip, with (frames, hinges) angles there, in strides."""
@@ -286,18 +256,15 @@ class March:
             key=lambda each: each[0],
             default=(0.0, None),
         )
-        fault = UNSETTLED
-        if (nearest is None or apart < nearest.reach) and self.steps.suffice:
-            try:
-                with degenerate_given_up():
-                    start = None if nearest is None else nearest.state
-                    (state,) = march(self.fold.tissue, [posed], start, self.response)
-            except UnresolvedError as error:
-                state, fault = SolverState(posed.positions, posed, converged=False), str(error)
+        if (nearest is None or apart < nearest.reach) and self.goes_on:
+            start = None if nearest is None else nearest.state
+            solved = unless_degenerate(partial(next, march(self.fold.tissue, [posed], start, self.response)))
+            state = solved or SolverState(posed.positions, posed, converged=False)
+            fault = UNSETTLED if solved else DEGENERATE
             if state.converged and state.correction.any() and self.fold.tissue.tears(posed.positions, state.positions):
                 state, fault = replace(state, converged=False), TORN
-            self.steps.count(state)
-            self.fault = fault if self.steps.suffice else TOO_MANY_STEPS
+            self.spare += state.steps if state.converged else -state.steps
+            self.fault = fault if self.goes_on else TOO_MANY_STEPS
         else:
             state = SolverState(posed.positions, posed, converged=self.fold.tissue.is_clear(posed.positions))
             fault = self.fault

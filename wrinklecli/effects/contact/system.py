@@ -7,14 +7,14 @@ fold fits its own shapes to its part. Shapes, targets and look-ups are those of 
 alone: a set of targets for the whole system would have to follow several joints at once. Not in the paper.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import Crease, MarchedClip
+from wrinklecli.effects.contact.crease import Crease, MarchedClip, march_clip
 from wrinklecli.effects.contact.fitting import combined
 from wrinklecli.effects.contact.fold import REACH_RADII, Fold, grown
 from wrinklecli.effects.contact.solution import Solution
@@ -36,18 +36,24 @@ class System:
 
     Attributes:
         folds: The folds; all count as equally thick.
+        clips: The clips and the (frames,) seconds at which these are solved, by their numbers.
+        kept: Those that are solved, by their numbers, as many as memory allows.
     """
 
     folds: tuple[Fold, ...]
+    clips: Mapping[int, tuple[Clip, Floats]]
+    kept: dict[int, MarchedClip] = field(default_factory=dict)
 
     @cached_property
     def fold(self) -> Fold:
         """The union of the folds' surfaces."""
         return union(self.folds) if len(self.folds) > 1 else self.folds[0]
 
-    def shared(self, clips: Iterable[Clip]) -> list[object]:
+    @property
+    def shared(self) -> list[object]:
         """The objects that the solutions of clips and of sweeps refer to."""
-        return [*(part for each in (*self.folds, self.fold) for part in (each, each.tissue)), *clips]
+        parts = (part for each in (*self.folds, self.fold) for part in (each, each.tissue))
+        return [*parts, *(clip for clip, _ in self.clips.values())]
 
     @cached_property
     def _rows(self) -> list[Ints]:
@@ -74,21 +80,23 @@ class System:
             found.append(replace(self.fold.tissue, free=free))
         return found
 
-    def part(self, number: int, solved: MarchedClip, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
-        """The part of one fold in a solved clip.
+    def part(self, number: int, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
+        """The part of one fold in a clip, solved.
 
         `fitted` are the folds before it with (frames, shapes) weights that they have, whose errors it takes over.
         """
+        solved = self.kept.get(number) or march_clip(self.fold, *self.clips[number])
         if len(self.folds) == 1:
             return solved
         parts = [
-            None if found is None else self._part(number, found, [(each, weights[frame]) for each, weights in fitted])
+            None if found is None else self._part(found, [(each, weights[frame]) for each, weights in fitted])
             for frame, found in enumerate(solved.solutions)
         ]
         return replace(solved, solutions=tuple(parts))
 
-    def _part(self, number: int, found: Solution, fitted: Sequence[tuple[Crease, Floats]]) -> Solution:
+    def _part(self, found: Solution, fitted: Sequence[tuple[Crease, Floats]]) -> Solution:
         """The part of one fold in a solution, beside the moves of all others."""
+        number = len(fitted)
         others = np.sum(self._weights[number + 1 :], axis=0)[:, None] * found.moved
         for (crease, weights), there in zip(fitted, self._rows, strict=False):
             others[there] += combined(weights, crease.shapes)

@@ -112,9 +112,11 @@ class Tissue:
         """The attributes: what is computed from them is computed again in another process."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    def prepare(self) -> None:
-        """Compute what all processes use before they are begun."""
+    @property
+    def collides(self) -> bool:
+        """True if anything may touch. Then all is computed that its processes have in common."""
         _ = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing
+        return bool(self.colliding.any())
 
     def without_close_meshes(self) -> "Tissue":
         """A copy in which triangles of other meshes that lie on the surface at rest never collide."""
