@@ -172,7 +172,7 @@ def test_poses_between_solved_ones_are_not_solved_and_cross_nothing(tmp_path: Pa
     contact = plan.layer(ContactLayer)
     assert contact is not None
     marched = march_clip(crossing(contact.folds[0]), job.clips[0], np.linspace(0.0, 4.0, 121))
-    touching = [marched.solution(frame) for frame in marched.touching]
+    touching = [marched.solutions[frame] for frame in marched.touching]
     solved = [each for each in touching if each.between is None]
     assert not any(each.crosses_itself for each in touching)
     assert len(touching) > 30

@@ -1,5 +1,6 @@
 """Reduced shapes of contact: there are few, yet they keep the volume, and cover all vertices that may move."""
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,7 +21,7 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import MarchedClip, given_up_by
 from wrinklecli.effects.contact.fitting import combined, fit_poses
-from wrinklecli.effects.contact.fold import RINGS
+from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.hinge import hinge_of
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, _error_weights
@@ -93,11 +94,12 @@ def test_a_fold_whose_motion_settles_nowhere_beyond_30_degrees_is_given_up(
     prepared = prepare(limb_asset(rings=9, sides=8), tool())
     hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
     fold: Any = SimpleNamespace(hinge=hinge, rig=prepared.rig)
+    fold.degrees = partial(Fold.degrees, fold)
     found: Any = object()
     angles = np.radians([0.0, 10.0, 20.0, 31.0, 40.0])
     clip, times = hinge.turn(angles), np.linspace(0.0, 1.0, 5)
-    solutions = tuple(found if each in degrees else None for each in (0.0, 10.0, 20.0, 31.0, 40.0))
-    failed, sound = MarchedClip(clip, times, solutions, {4: "is torn"}), MarchedClip(clip, times[:2], (None, found), {})
+    solutions = {frame: found for frame, each in enumerate((0.0, 10.0, 20.0, 31.0, 40.0)) if each in degrees}
+    failed, sound = MarchedClip(clip, times, solutions, {4: "is torn"}), MarchedClip(clip, times[:2], {1: found}, {})
     assert given_up_by(fold, [sound, sound]) is None
     reason = given_up_by(fold, [failed, sound])
     if given_up:

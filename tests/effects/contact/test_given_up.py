@@ -373,7 +373,7 @@ def test_a_fold_that_its_own_motion_gives_up_is_solved_no_further(
     def failing(_fold: Fold, clip: Clip, times: np.ndarray, deepest: float | None = None) -> MarchedClip:
         assert deepest is not None, "a clip is solved"
         solved.append(deepest)
-        return MarchedClip(clip, times[:2], (None, None), {1: UNSETTLED})
+        return MarchedClip(clip, times[:2], {}, {1: UNSETTLED})
 
     monkeypatch.setattr(crease, "march_clip", failing)
     asset, tools = FOLDS["low_poly"]().write(tmp_path, contact="resolve")

@@ -19,7 +19,7 @@ from kit.limb import limb, tool, write_tools
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.drive.drive import Drive
-from wrinklecli.effects.contact.crease import PlayerError
+from wrinklecli.effects.contact.crease import PlayerError, march_clip
 from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
 from wrinklecli.effects.contact.given_up import TORN, WORSE
 from wrinklecli.effects.contact.layer import ContactLayer
@@ -45,7 +45,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     assert contact is not None
     (fold,) = contact.folds
     crease = resolved(fold, most=7)
-    followed = crease.follow(crease.march(clip, TIMES))
+    followed = crease.follow(march_clip(crease.fold, clip, TIMES))
     assert not followed.faults
     shown = shown_in([crease], [followed], [])
     assert shown.remaining == (None,)

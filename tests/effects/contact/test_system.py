@@ -58,16 +58,16 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
     (left, right), (clip,) = folds_of("groin", tmp_path)
     assert near_each_other(crossing(left), crossing(right))
     creases = tuple(resolved(each, most=4) for each in (left, right))
-    system = System(tuple(each.fold for each in creases))
     times = np.linspace(clip.start, (clip.start + clip.end) / 2.0, 16)
-    whole = march_clip(system.fold, clip, times)
+    system = System(tuple(each.fold for each in creases), {0: (clip, times)})
+    whole = system.kept[0] = march_clip(system.fold, clip, times)
     assert whole.touching
-    first = system.part(0, whole, [])
+    first = system.part(0, [])
     nothing = np.zeros((len(times), len(creases[0].shapes)))
-    rest = system.part(1, whole, [(creases[0], nothing)])
+    rest = system.part(0, [(creases[0], nothing)])
     vertices = system.fold.free_vertices
     for frame in whole.touching:
-        found, one, two = whole.solution(frame), first.solution(frame), rest.solution(frame)
+        found, one, two = whole.solutions[frame], first.solutions[frame], rest.solutions[frame]
         total = np.zeros_like(found.moved)
         other = ~np.isin(vertices, creases[1].fold.free_vertices)
         total[np.isin(vertices, creases[0].fold.free_vertices)] = one.moved

@@ -162,8 +162,8 @@ class Crease:
         weights = np.zeros((len(marched.times), len(self.shapes)))
         crossing, unspanned, error, lost, times = list[int](), list[int](), 0.0, 0.0, marched.times
         # What lies between others comes after them.
-        for frame in sorted(marched.touching, key=lambda frame: marched.solution(frame).between is not None):
-            found, crosses = marched.solution(frame), False
+        for frame in sorted(marched.touching, key=lambda frame: marched.solutions[frame].between is not None):
+            found, crosses = marched.solutions[frame], False
             if found.between is not None:
                 one, two, share = found.between
                 weights[frame] = (1.0 - share) * weights[one] + share * weights[two]
@@ -200,7 +200,7 @@ class Crease:
         for marched in sweeps:
             followed = self.follow(marched)
             made = ((frame, combined(followed.weights[frame], self.shapes)) for frame in marched.touching)
-            torn = [frame for frame, moved in made if marched.solution(frame).tears(moved)]
+            torn = [frame for frame, moved in made if marched.solutions[frame].tears(moved)]
             swept.append(replace(followed, faults=dict.fromkeys(torn, TORN) | dict(marched.faults)))
         return replace(self, swept=tuple(swept))
 
@@ -285,29 +285,23 @@ class MarchedClip:
 
     Attributes:
         times: (frames,) seconds.
-        solutions: For each frame the solution; None if contact moves nothing, or has a fault.
+        solutions: The solutions of frames in which contact moves something and has no fault, by their numbers.
         faults: The reasons why it does not count in frames, by their numbers.
     """
 
     clip: Clip
     times: Floats
-    solutions: tuple[Solution | None, ...]
+    solutions: Mapping[int, Solution]
     faults: Mapping[int, str]
 
     @property
     def touching(self) -> list[int]:
         """The frames in which contact moves something."""
-        return [frame for frame, found in enumerate(self.solutions) if found is not None]
-
-    def solution(self, frame: int) -> Solution:
-        """The solution of a frame in which contact moves something."""
-        found = self.solutions[frame]
-        assert found is not None
-        return found
+        return [*self.solutions]
 
     def poses(self, frames: Iterable[int]) -> Iterator[SolvedPose]:
         """The poses of some frames in which contact moves something."""
-        return ((self.clip, float(self.times[frame]), self.solution(frame)) for frame in frames)
+        return ((self.clip, float(self.times[frame]), self.solutions[frame]) for frame in frames)
 
 
 @dataclass(frozen=True, slots=True)
@@ -342,14 +336,16 @@ def march_clip(fold: Fold, clip: Clip, times: Floats, deepest: float | None = No
     first. With a `deepest` move of a vertex, solver's units, the clip ends at the first that is deeper, or at a fault:
     nobody may ever bend the joint further than where a sweep ends.
     """
-    solutions, faults = list[Solution | None](), dict[int, str]()
+    solutions, faults, count = dict[int, Solution](), dict[int, str](), 0
     for frame, found in enumerate(_in_clip(fold, clip, times)):
+        count = frame + 1
         if found.fault is not None:
             faults[frame] = found.fault
-        solutions.append(found if found.touches else None)
+        elif found.touches:
+            solutions[frame] = found
         if deepest is not None and (found.fault is not None or found.greatest_move > deepest):
             break
-    return MarchedClip(clip, times[: len(solutions)], tuple(solutions), faults)
+    return MarchedClip(clip, times[:count], solutions, faults)
 
 
 def _in_clip(fold: Fold, clip: Clip, times: Floats) -> Iterator[Solution]:

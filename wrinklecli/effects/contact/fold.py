@@ -6,7 +6,7 @@ one joint and the surface round it that may touch.
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -100,6 +100,11 @@ class Fold:
     def per_clip(self) -> bool:
         """True if targets may depend on the clips, as all tools allow."""
         return all((each.tool.contact or Contact()).per_clip for each in self.patches)
+
+    @property
+    def ignored(self) -> set[str]:
+        """Names of the nodes whose meshes its tools ignore."""
+        return {name for each in self.patches for name in (each.tool.contact or Contact()).ignore}
 
     @cached_property
     def own_tools(self) -> list[int]:
@@ -298,15 +303,14 @@ def find_folds(
             by_rise.setdefault(rise.motion.motion, {})[number] = rise
         else:
             without.append(number)
-    sites = [_round_joint(each, node, carried_patches, rest, rig, parts[node]) for node, each in by_node.items()]
-    sites += [_round_tools(each, carried_patches) for each in by_rise.values()]
-    folds = []
-    for site in sites:
-        patches = [carried_patches[number].patch for number in site.tools]
-        ignored = {name for patch in patches for name in (patch.tool.contact or Contact()).ignore}
-        fold = _fold_at(site, patches, fine, rest, rig, alone=rig.names[rig.node] in ignored)
-        fold = replace(fold, movers=tuple(movers))
-        folds.append(_with_obstacles(fold, obstacles(ignored) if obstacles else ()))
+    none = np.zeros(0, np.intp)
+    bare = partial(
+        Fold, vertices=none, triangles=none.reshape(0, 3), own=none > 0, crossed=none > 0, rig=rig, rest=rest
+    )
+    bare = partial(bare, fine=fine, movers=tuple(movers))
+    folds = [_round_joint(bare, each, node, carried_patches, parts[node]) for node, each in by_node.items()]
+    folds += [_round_tools(bare, each, carried_patches) for each in by_rise.values()]
+    folds = [_with_obstacles(fold, obstacles(fold.ignored) if obstacles else ()) for fold in folds]
     return folds, without
 
 
@@ -331,58 +335,39 @@ def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Site:
-    """The place and reach of a fold; `tools` are indices of its own tools among `carried`, all tools on the mesh."""
-
-    tools: Sequence[int]
-    hinge: Hinge | Rise
-    pivot: Floats
-    radius: float
-    reach: float
-    carried: Sequence[CarriedPatch]
-
-
 def _round_joint(
-    tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], rest: Rest, rig: Rig, part: Part | None
-) -> _Site:
-    """The site of tools over one joint."""
-    patches = [carried[number].patch for number in tools]
+    bare: "partial[Fold]", tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], part: Part | None
+) -> Fold:
+    """The fold of tools over one joint, made from what all have in common."""
+    rig, rest, patches = bare.keywords["rig"], bare.keywords["rest"], [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
-    return _Site(tools, hinge_of(node, patches, pivot, rig, part), pivot, radius, REACH_RADII * radius, carried)
+    hinge = hinge_of(node, patches, pivot, rig, part)
+    fold = bare(patches=tuple(patches), hinge=hinge, pivot=pivot, radius=radius, carried=tuple(carried))
+    return _within(fold, REACH_RADII * radius)
 
 
-def _round_tools(rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> _Site:
-    """The site of tools that rise together; it counts as thick as the longest of them is long."""
+def _round_tools(bare: "partial[Fold]", rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> Fold:
+    """The fold of tools that rise together; it counts as thick as the longest of them is long."""
     patches = [each.patch for each in rises.values()]
     grown = list(carried)
     for number, patch in zip(rises, patches, strict=True):
         grown[number] = replace(carried[number], patch=patch)
     middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
-    pivot = middles.mean(axis=0)
-    radius = max(patch.span for patch in patches)
-    reach = REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
-    return _Site([*rises], next(iter(rises.values())), pivot, radius, reach, grown)
+    pivot, radius = middles.mean(axis=0), max(patch.span for patch in patches)
+    own = tuple(carried[number].patch for number in rises)
+    fold = bare(patches=own, hinge=next(iter(rises.values())), pivot=pivot, radius=radius, carried=tuple(grown))
+    return _within(fold, REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max()))
 
 
-def _fold_at(site: _Site, patches: Sequence[Patch], fine: Refinement, rest: Rest, rig: Rig, *, alone: bool) -> Fold:
-    seeds = np.concatenate([site.carried[number].vertices for number in site.tools])
-    vertices, triangles, own = _round(site.pivot, site.reach, fine, seeds, alone=alone)
-    return Fold(
-        patches=tuple(patches),
-        hinge=site.hinge,
-        vertices=vertices,
-        triangles=triangles,
-        own=own,
-        radius=site.radius,
-        pivot=site.pivot,
-        rig=rig,
-        rest=rest,
-        fine=fine,
-        carried=tuple(site.carried),
-        crossed=np.zeros(len(own), bool),
-    )
+def _within(fold: Fold, reach: float) -> Fold:
+    """A fold with the fine vertices within reach of its joint, and a few edges further."""
+    fine, seeds = fold.fine, np.concatenate([fold.carried[number].vertices for number in fold.own_tools])
+    near = np.sum((fine.rest_positions - fold.pivot) ** 2, axis=1) <= reach**2
+    near[seeds] = True
+    for _ in range(RINGS):
+        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
+    return _between(fold, near, seeds)
 
 
 def grown(fold: Fold, further: Ints, distance: float) -> Fold:
@@ -390,20 +375,32 @@ def grown(fold: Fold, further: Ints, distance: float) -> Fold:
 
     Where it crosses is to be looked for again.
     """
-    fine = fold.fine
-    near = nearest_of(fine.rest_positions[further], fine.rest_positions)[0] <= distance
+    near = nearest_of(fold.fine.rest_positions[further], fold.fine.rest_positions)[0] <= distance
     near[fold.vertices] = True
-    count = len(fold.vertices)
-    ignored = {name for patch in fold.patches for name in (patch.tool.contact or Contact()).ignore}
-    alone = fold.rig.names[fold.rig.node] in ignored
-    vertices, triangles, own = _part(near, fine, fold.vertices[fold.own[:count]], alone=alone)
+    return _between(fold, near, fold.vertices[fold.own[: len(fold.vertices)]])
+
+
+def _between(fold: Fold, near: Bools, seeds: Ints) -> Fold:
+    """The same fold with the part of its mesh between the (fine vertices,) that are near.
+
+    Its own are those that are connected with some of (seeds,).
+    """
+    triangles, count = fold.fine.triangles[near[fold.fine.triangles].all(axis=1)], len(fold.vertices)
+    vertices, local = np.unique(triangles, return_inverse=True)
+    local = local.reshape(-1, 3)
+    pieces = components(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
+    own = np.isin(pieces, distinct_values(pieces[np.isin(vertices, seeds)]))
+    if fold.rig.names[fold.rig.node] in fold.ignored:
+        local = (np.cumsum(own) - 1)[local[own[local[:, 0]]]]
+        vertices, own = vertices[own], own[own]
     others = fold.triangles[fold.triangles[:, 0] >= count] + (len(vertices) - count)
+    own = np.concatenate([own, fold.own[count:]])
     return replace(
         fold,
         vertices=vertices,
-        triangles=np.concatenate([triangles, others]),
-        own=np.concatenate([own, fold.own[count:]]),
-        crossed=np.zeros(len(vertices) + len(fold.own) - count, bool),
+        triangles=np.concatenate([local, others]),
+        own=own,
+        crossed=np.zeros(len(own), bool),
     )
 
 
@@ -412,31 +409,3 @@ def _limb_radius(patch: Patch, pivot: Floats) -> float:
     apart = pivot - patch.origin.position
     away = apart - np.clip(apart @ patch.along, 0.0, patch.span) * patch.along
     return max(float(np.linalg.norm(away)), _LEAST_RADIUS * patch.span)
-
-
-def _round(pivot: Floats, reach: float, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
-    """The fine vertices within reach of a joint, and a few edges further, as `_part` gives them."""
-    near = np.sum((fine.rest_positions - pivot) ** 2, axis=1) <= reach**2
-    near[seeds] = True
-    for _ in range(RINGS):
-        near[fine.triangles[near[fine.triangles].any(axis=1)]] = True
-    return _part(near, fine, seeds, alone=alone)
-
-
-def _part(near: Bools, fine: Refinement, seeds: Ints, *, alone: bool) -> tuple[Ints, Ints, Bools]:
-    """The part of the mesh between the (fine vertices,) that are near.
-
-    Returns:
-        (vertices,) sorted, (triangles, 3) of these, and (vertices,) True if connected with some of (seeds,). Others are
-        left out if `alone`.
-    """
-    triangles = fine.triangles[near[fine.triangles].all(axis=1)]
-    vertices, local = np.unique(triangles, return_inverse=True)
-    local = local.reshape(-1, 3)
-    pieces = components(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
-    wanted = distinct_values(pieces[np.isin(vertices, seeds)])
-    own = np.isin(pieces, wanted)
-    if alone:
-        numbers = np.cumsum(own) - 1
-        return vertices[own], numbers[local[own[local[:, 0]]]], own[own]
-    return vertices, local, own

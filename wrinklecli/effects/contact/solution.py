@@ -283,7 +283,7 @@ class March:
         moving = np.flatnonzero(correction.any(axis=1)) if state.converged else np.zeros(0, np.intp)
         if len(moving):
             moved[moving] = np.einsum("vij,vj->vi", inverses(matrices[moving]), correction[moving])
-            forces = tissue.forces(state)
+            forces = -tissue.gradient(state.near, state.positions)
             shares = _error_weights(tissue, np.asarray(forces.any(axis=1)))[rows]
             outward = unit(forces[rows])
         return Solution(tissue, moved, shares, outward, state.posed.positions, matrices, fault)

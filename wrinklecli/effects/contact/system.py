@@ -88,11 +88,9 @@ class System:
         solved = self.kept.get(number) or march_clip(self.fold, *self.clips[number])
         if len(self.folds) == 1:
             return solved
-        parts = [
-            None if found is None else self._part(found, [(each, weights[frame]) for each, weights in fitted])
-            for frame, found in enumerate(solved.solutions)
-        ]
-        return replace(solved, solutions=tuple(parts))
+        fits = {frame: [(each, weights[frame]) for each, weights in fitted] for frame in solved.solutions}
+        parts = {frame: self._part(found, fits[frame]) for frame, found in solved.solutions.items()}
+        return replace(solved, solutions=parts)
 
     def _part(self, found: Solution, fitted: Sequence[tuple[Crease, Floats]]) -> Solution:
         """The part of one fold in a solution, beside the moves of all others."""

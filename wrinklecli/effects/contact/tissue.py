@@ -273,12 +273,6 @@ class Tissue:
 
         return self.barrier.hessian(near, self.mesh, self.placed(positions), ipctk.PSDProjectionMethod.CLAMP).tocsr()
 
-    def forces(self, state: SolverState) -> Floats:
-        """(vertices, 3) forces of the barrier; 0 where nothing is near."""
-        if state.near is None:
-            return np.zeros_like(state.positions)
-        return -self.gradient(state.near, state.positions)
-
     def gradient(self, near: Any, positions: Floats) -> Floats:
         """(vertices, 3) gradient of the barrier at (vertices, 3) positions."""
         gradient = np.zeros_like(positions)
