@@ -1,6 +1,8 @@
 """Fields on a mesh at rest: where they may be, how long their waves are, and which joints fold them."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from kit.limb import RADIUS
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.intersections import edges_of
 
 RED, BLUE = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 WAVE = 0.12
@@ -229,3 +232,19 @@ def test_a_shape_acts_plainly_or_not_at_all() -> None:
     for table in tables:
         assert table[table > 0].min() > 1e-3
         assert (table == 0).any(axis=0).all()
+
+
+def test_edges_of_low_crests_may_be_longer() -> None:
+    """They are split by what is left of the height there, and by how wide a crest is."""
+    _, found = attached(tube(rings=81, sides=24), variation=0.15, wavelength="9%")
+    (region,) = found.regions
+    rest, plain = region.pose, replace(region, irregular=replace(found.irregular, variation=0.0))
+    edges = edges_of(rest.triangles[region.members])
+    mesh = SimpleNamespace(of_vertices=lambda used, values: values[used])
+    steps, even = (each.steps(mesh)(edges) for each in (region, plain))
+    _, longer, higher = found.irregular.crests(rest.positions, rest.normals, found.directions)
+    wanted = np.log(np.sqrt(higher[edges].max(axis=1)) / longer[edges].mean(axis=1))
+    acting = (even > 0) & (region.shares[edges].max(axis=1) < 0.5)
+    found_ratios = np.log(steps[acting] / even[acting])
+    # Lines that turn change lengths across crests, too.
+    assert np.corrcoef(wanted[acting], found_ratios)[0, 1] > 0.7

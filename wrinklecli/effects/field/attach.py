@@ -10,9 +10,9 @@ from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.factors import Factors, factors_of
 from wrinklecli.effects.field.heights import WAVE, averages_over, measure
+from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
@@ -65,7 +65,7 @@ class AttachedField(Attached[Field]):
         factors: Half heights by shapes on the coarse surface.
         directions: (vertices, 6) tensors, whose least direction crests run across.
         wavelengths: (vertices,) those of places, scene units.
-        seed: What its irregularity is drawn from.
+        irregular: How its crests differ.
         regions: The part of the surface.
         drive: The weights of its targets.
         notes: A line for each texture that cannot be read, if its substances are looked for.
@@ -79,7 +79,7 @@ class AttachedField(Attached[Field]):
     factors: Factors
     directions: Floats
     wavelengths: Floats
-    seed: str
+    irregular: Irregular
     regions: tuple[FieldRegion]
     drive: TurnDrive
     notes: tuple[str, ...] = ()
@@ -165,11 +165,9 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > UNSEEN).any(axis=1)]
-    drawn = (wavelength, tool.variation, seed)
-    longer, _ = irregular.varied(rest.positions, measured.lines, *drawn)
-    lines = irregular.turned(measured.lines, rest.normals, rest.positions, *drawn)
+    irregular = Irregular(wavelength, tool.variation, seed)
     tree = Tree.of(rest.positions, surface.triangles[seen])
-    region = FieldRegion(seen, rest, height, shares, lines, wavelengths * longer, tree)
+    region = FieldRegion(seen, rest, height, shares, measured.directions, wavelengths, irregular, tree)
     return AttachedField(
         tool,
         fabric,
@@ -179,7 +177,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         factors,
         measured.directions,
         wavelengths,
-        seed,
+        irregular,
         (region,),
         drive_of(tool, sweeps, factors),
         () if tool.substance is None else tuple(ground.pictures.notes),

@@ -6,9 +6,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.field import irregular
 from wrinklecli.effects.field.attach import UNSEEN, AttachedField
-from wrinklecli.effects.field.compression import shortest
 from wrinklecli.effects.field.heights import NEAR
 from wrinklecli.effects.field.lowering import lowering
 from wrinklecli.effects.field.material import Fabric
@@ -111,11 +109,8 @@ def _waves(
         values: (vertices, 7) directions as tensors, and wavelengths.
         shares: (vertices,) parts of the greatest height.
     """
-    fabric, places, seed = attached.fabric, sheet.positions, attached.seed
-    _, lines, _ = shortest(values[:, :6], normals)
-    drawn = (attached.wavelength, attached.tool.variation, seed)
-    longer, higher = irregular.varied(places, lines, *drawn)
-    lines = irregular.turned(lines, normals, places, *drawn)
+    fabric, places, seed = attached.fabric, sheet.positions, attached.irregular.seed
+    lines, longer, higher = attached.irregular.crests(places, normals, values[:, :6])
     wavelengths = values[:, 6] * longer
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     # One broad fold where sides are too long for more, and none where even it would become knobs.

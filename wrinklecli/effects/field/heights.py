@@ -59,12 +59,10 @@ class Heights:
         heights: (poses, vertices) scene units, at rest.
         directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
             the direction that is shortened most.
-        lines: (vertices, 3) these directions, unit vectors without signs.
     """
 
     heights: Floats
     directions: Floats
-    lines: Floats
 
 
 def averages_over(sheet: Sheet, wavelength: float) -> tuple[Average, ...]:
@@ -128,7 +126,7 @@ def measure(
     made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping, slack)))
     drawn = np.maximum(made, crests.of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
-    return Heights(heights, directions, lines)
+    return Heights(heights, directions)
 
 
 def _squares(lost: Floats) -> Floats:

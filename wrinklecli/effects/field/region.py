@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.closest import Tree
@@ -14,7 +15,8 @@ from wrinklecli.surface.region import SmoothRegion, Steps
 from wrinklecli.surface.rest import Rest
 
 # Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
-_STEEP = 0.2
+# With 0.2, folds of a groin are seen to lose their ends.
+_STEEP = 0.14
 # Length along a crest over that across it of edges that show it as well. Poses that compress a surface make triangles
 # more slender again, and slivers are seen as scratches.
 _SLENDER = 1.6
@@ -29,8 +31,9 @@ class FieldRegion(SmoothRegion):
         pose: The surface at rest.
         height: Greatest displacement, scene units.
         shares: (vertices,) parts of it in any pose.
-        lines: (vertices, 3) unit directions across the crests, without signs.
-        wavelengths: (vertices,) at rest, scene units.
+        directions: (vertices, 6) tensors, whose least direction crests run across.
+        wavelengths: (vertices,) those of places at rest, scene units.
+        irregular: How crests differ.
         tree: Finds nearest points on the members.
     """
 
@@ -38,8 +41,9 @@ class FieldRegion(SmoothRegion):
     pose: Rest
     height: float
     shares: Floats
-    lines: Floats
+    directions: Floats
     wavelengths: Floats
+    irregular: Irregular
     tree: Tree
 
     intervals: ClassVar[float] = 1.25
@@ -77,25 +81,22 @@ class FieldRegion(SmoothRegion):
 
     def steps(self, mesh: Level | Subdivision) -> Steps:
         """Gives (edges,) lengths across the crests over half a wavelength, shorter where wrinkles are lower."""
-        steep = np.minimum(self.height * self.shares / self.wavelengths / _STEEP, 1.0)
-        coarse = np.concatenate(
-            [self.pose.positions, _tensors(self.lines), steep[:, None], self.wavelengths[:, None]], axis=1
-        )
+        pose = self.pose
+        heights = self.height * self.shares
+        coarse = np.column_stack([pose.positions, pose.normals, self.directions, heights, self.wavelengths])
 
         def found(ends: Ints) -> Floats:
             used, at = np.unique(ends, return_inverse=True)
             at = at.reshape(-1, 2)
-            places, lines, steep, wavelengths = np.split(mesh.of_vertices(used, coarse), [3, 12, 13], axis=1)
+            places, normals, directions, heights, wavelengths = np.split(
+                mesh.of_vertices(used, coarse), [3, 6, 12, 13], axis=1
+            )
+            lines, longer, higher = self.irregular.crests(places, unit(normals), directions)
+            steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
             way = places[at[:, 1]] - places[at[:, 0]]
-            line = lines[at].mean(axis=1)
             # The part across the crests, and a share of the whole.
-            squared = np.maximum(np.einsum("ei,eij,ej->e", way, line.reshape(-1, 3, 3), way), 0.0)
-            length = np.sqrt(np.maximum(squared, np.sum(way**2, axis=1) / _SLENDER**2))
-            return np.asarray(2.0 * length / wavelengths[at, 0].mean(axis=1) * np.sqrt(steep[at, 0].max(axis=1)))
+            across = np.mean(np.einsum("ei,eki->ek", way, lines[at]) ** 2, axis=1)
+            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep[at].max(axis=1))
+            return np.asarray(2.0 * length / (wavelengths[:, 0] * longer)[at].mean(axis=1))
 
         return found
-
-
-def _tensors(lines: Floats) -> Floats:
-    """(n, 9) products of unit vectors with themselves, which have no signs."""
-    return np.asarray(np.einsum("vi,vj->vij", lines, lines).reshape(len(lines), 9))
