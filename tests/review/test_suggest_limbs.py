@@ -1,6 +1,7 @@
 """Folds of skin on a bent limb: level, close to the joint, kept apart by contact; and presets for parts of a body."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ from kit.asset import Asset
 from kit.limb import RADIUS, limb_asset
 from kit.suggested import along
 from wrinklecli import bake
+from wrinklecli.character.rig import Hierarchy
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.candidates import _digits
@@ -110,7 +112,7 @@ def test_a_preset_of_a_file_is_taken_for_its_parts_of_a_body(tmp_path: Path) -> 
     assert all((each.tool.branch, each.tool.bump_height) == (0.7, 0.22) for each in found.tools)
     assert str(studio) in found.inputs
     tools.write_text(found.text)
-    assert 'presets: ["studio.yaml"]' in found.text
+    assert "presets: [studio.yaml]" in found.text
     read = load_tools(tools).tools
     assert [replace(tool, where="") for tool in read[: len(found.tools)]] == [each.tool for each in found.tools]
     assert check(tmp_path / "limb.glb", tools).data["tools"]
@@ -121,8 +123,9 @@ def test_a_place_is_of_the_finger_that_moves_it_most() -> None:
     """Joints of one chain are one finger. What none moves is of none, as all is of a hand with one finger."""
     influences = np.array([[1.0, 0.0, 0.0, 0.0], [0.1, 0.9, 0.0, 0.0], [0.0, 0.2, 0.8, 0.0], [0.4, 0.0, 0.0, 0.6]])
     triangles = np.arange(4)[:, None].repeat(3, axis=1)
+    parents = SimpleNamespace(parents=np.array([-1, 0, 1, 0]))
     mesh: Any = SimpleNamespace(
-        rig=SimpleNamespace(joints=np.arange(4), parents=np.array([-1, 0, 1, 0])),
+        rig=SimpleNamespace(joints=np.arange(4), upwards=partial(Hierarchy.upwards, parents)),
         gauge=SimpleNamespace(influences=influences, triangles=triangles),
         sites=SimpleNamespace(positions=np.zeros((4, 3)), gather=np.eye(4)),
     )

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from itertools import takewhile
 
 import numpy as np
 
@@ -48,8 +49,6 @@ _OF_JOINTS = 0.5
 _LEAST_MERIT = 1e-3
 # Parts of a body of which several stand side by side.
 _DIGITS: tuple[Part, ...] = ("finger", "toes")
-# Part of a site's skin weights from which a finger moves it.
-_LEAST_SHARE = 0.01
 # Part of a region that follows a joint's twin, over the part that follows the joint, from which it hangs over both: a
 # skirt's front has 0.7, though the fold lies a little on one side, and that of trousers next to nothing.
 _OF_TWIN = 0.5
@@ -139,7 +138,11 @@ def find_candidates(
         if id(peaks) not in mesh_basins:
             mesh_basins[id(peaks)] = _Basins.of(mesh, peaks, parts)
     # All regions of a pose are the work of one process, which poses the mesh once.
-    poses = [(key, pose) for key, each in mesh_basins.items() for pose in each.poses]
+    poses = [
+        (key, pose)
+        for key, each in mesh_basins.items()
+        for pose in dict.fromkeys(each.peaks.poses[list(each.seeds)].tolist())
+    ]
     shared = [each for mesh, _ in meshes for each in (mesh, *mesh.clips)]
     found: dict[int, dict[int, Candidate]] = {key: {} for key in mesh_basins}
     in_poses = in_processes(lambda pose: mesh_basins[pose[0]].candidates_in(pose[1]), poses, jobs, shared=shared)
@@ -183,38 +186,48 @@ class _Basins:
         seeds = seeds[np.argsort(-peaks.losses[seeds], kind="stable")][:_MOST_REGIONS]
         return cls(mesh, peaks, tuple(seeds.tolist()), summits, sites_with_twins(sites))
 
-    @property
-    def poses(self) -> list[int]:
-        """The numbers of the poses in which the seeds lose most."""
-        return list(dict.fromkeys(self.peaks.poses[list(self.seeds)].tolist()))
-
     def candidates_in(self, number: int) -> dict[int, Candidate]:
         """The candidates of a pose, by their seeds."""
-        pose = _pose(self.mesh, self.peaks.clips[number], float(self.peaks.times[number]))
-        found = {
-            seed: _candidate(self.mesh, seed, pose, self.summits == seed, twin=bool(self.twins[seed]))
-            for seed in self.seeds
-            if self.peaks.poses[seed] == number
-        }
+        mesh, clip, time = self.mesh, self.peaks.clips[number], float(self.peaks.times[number])
+        tensors = at_sites(mesh.sites, clip, np.array([time]))[0]
+        positions = unscaled_pose(mesh.gauge, clip, time)
+        seeds = (seed for seed in self.seeds if self.peaks.poses[seed] == number)
+        found = {seed: self._candidate(seed, clip, time, tensors, positions) for seed in seeds}
         return {seed: candidate for seed, candidate in found.items() if candidate is not None}
+
+    def _candidate(self, seed: int, clip: Clip, time: float, tensors: Floats, positions: Floats) -> Candidate | None:
+        """The candidate around a seed; across x = 0 if it extends there and its driver is not that of one side alone.
+
+        The pose has (sites, 6) loss tensors, and (vertices, 3) positions without animated scale.
+        """
+        mesh, free, twin = self.mesh, self.summits == seed, bool(self.twins[seed])
+        for across in (True, False):
+            region = grow_region(mesh.sites, seed, tensors, free, twin=twin, across=across)
+            ends = None if region is None else find_segment(mesh.sites, region, [positions])
+            if region is None or ends is None:
+                continue
+            origin, target = ends
+            candidate = Candidate(mesh=mesh, region=region, clip=clip, time=time, origin=origin, target=target)
+            driver, by_morph = _driver_of(candidate)
+            if not region.on_plane or by_morph or _is_of_both_sides(candidate, driver):
+                return replace(candidate, driver=driver, by_morph=by_morph)
+        return None
 
 
 def _digits(mesh: MeasuredMesh, parts: Sequence[Part | None]) -> Ints:
     """(sites,) number of the finger or toe that moves each site most; -1 where none does."""
-    rig, above = mesh.rig, mesh.rig.parents
+    rig = mesh.rig
     numbers: dict[int, int] = {}
     digits = np.full(len(rig.joints), -1)
     for k, joint in enumerate(rig.joints.tolist()):
         if joint < len(parts) and parts[joint] in _DIGITS:
-            first = joint
-            while above[first] >= 0 and parts[above[first]] == parts[joint]:
-                first = int(above[first])
+            *_, first = takewhile(lambda each: parts[each] in _DIGITS, rig.upwards(joint))
             digits[k] = numbers.setdefault(first, len(numbers))
     if len(numbers) < 2:
         return np.full(len(mesh.sites.positions), -1)
     of_vertices = mesh.gauge.influences @ (digits[:, None] == np.arange(len(numbers))).astype(np.float64)
     shares = mesh.sites.gather @ of_vertices[mesh.gauge.triangles].mean(axis=1)
-    return np.where(shares.max(axis=1) > _LEAST_SHARE, shares.argmax(axis=1), -1)
+    return np.where(shares.any(axis=1), shares.argmax(axis=1), -1)
 
 
 def _on_one_digit(summits: Ints, digits: Ints, losses: Floats, positions: Floats) -> Ints:
@@ -234,36 +247,6 @@ def _on_one_digit(summits: Ints, digits: Ints, losses: Floats, positions: Floats
                 there = members[of_members == digit]
                 divided[there] = there[losses[there].argmax()]
     return divided
-
-
-@dataclass(frozen=True, slots=True)
-class _Pose:
-    """A pose: (sites, 6) loss tensors, and (vertices, 3) positions without animated scale."""
-
-    clip: Clip
-    time: float
-    tensors: Floats
-    positions: Floats
-
-
-def _pose(mesh: MeasuredMesh, clip: Clip, time: float) -> _Pose:
-    tensors = at_sites(mesh.sites, clip, np.array([time]))[0]
-    return _Pose(clip, time, tensors, unscaled_pose(mesh.gauge, clip, time))
-
-
-def _candidate(mesh: MeasuredMesh, seed: int, pose: _Pose, free: Bools, *, twin: bool) -> Candidate | None:
-    """The candidate around a seed; across x = 0 if it extends there and its driver is not that of one side alone."""
-    for across in (True, False):
-        region = grow_region(mesh.sites, seed, pose.tensors, free, twin=twin, across=across)
-        ends = None if region is None else find_segment(mesh.sites, region, [pose.positions])
-        if region is None or ends is None:
-            continue
-        origin, target = ends
-        candidate = Candidate(mesh=mesh, region=region, clip=pose.clip, time=pose.time, origin=origin, target=target)
-        driver, by_morph = _driver_of(candidate)
-        if not region.on_plane or by_morph or _is_of_both_sides(candidate, driver):
-            return replace(candidate, driver=driver, by_morph=by_morph)
-    return None
 
 
 def _is_of_both_sides(candidate: Candidate, driver: str) -> bool:

@@ -121,13 +121,9 @@ class Face:
     @cached_property
     def free(self) -> Bools:
         """(sites,) True where neither lids nor lips are near."""
-        return self.free_of(self.mesh.sites.positions)
-
-    def free_of(self, points: Floats) -> Bools:
-        """(points,) True for (points, 3) that are not near lids or lips."""
-        if not len(self.rims):
-            return np.ones(len(points), bool)
-        return np.asarray(nearest_of(self.rims, points)[0] > _RIM_WIDTH * self.size)
+        sites = self.mesh.sites.positions
+        near = nearest_of(self.rims, sites)[0] if len(self.rims) else np.full(len(sites), np.inf)
+        return np.asarray(near > _RIM_WIDTH * self.size)
 
 
 def read_face(document: Document, rig: Rig, targets: Sequence[FaceTarget], node: str | None) -> Face | None:

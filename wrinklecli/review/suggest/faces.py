@@ -13,6 +13,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import motion_clip, raising
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.surface import read_surface
+from wrinklecli.choices import FPS
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -36,6 +37,7 @@ from wrinklecli.review.suggest.face_targets import (
     read_face_targets,
 )
 from wrinklecli.review.suggest.fitted_tools import LEAST_BY_MORPH, Suggestion, suggestion_of
+from wrinklecli.review.suggest.measure import MOST_POSES
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import attached, attached_and_folded, shortenings_of, with_rising_bumps
 from wrinklecli.surface.compression import (
@@ -57,8 +59,8 @@ from wrinklecli.tools.records import Length, WrinkleTool
 _BUMP_HEIGHT = 0.1
 # Greatest length of a bump over the tool's width: lines are several times as long as they are wide.
 _BUMP_OF_WIDTH = 0.3
-# Poses of the motion of a target, which is even, and of a clip: per second, and at most.
-_POSES, _FPS, _MOST_POSES = 5, 30, 200
+# Poses of the motion of a target, which is even.
+_POSES = 5
 # Factor on the width of a tool that reaches lids or lips, and the part of its least width to which it goes.
 _NARROWER, _NARROWEST = 0.9, 0.7
 # Way by which it is moved off if that does not do, in distances of the eyes, and the most places tried.
@@ -291,7 +293,7 @@ def _fit_tool(
 
 def _times(clip: Clip) -> Floats:
     """(poses,) seconds of a clip at which tools are measured: a face moves in a tenth of a second."""
-    return np.linspace(clip.start, clip.end, int(np.clip(_FPS * (clip.end - clip.start), _POSES, _MOST_POSES)))
+    return np.linspace(clip.start, clip.end, int(np.clip(FPS * (clip.end - clip.start), _POSES, MOST_POSES)))
 
 
 def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Attached[WrinkleTool]] | None:

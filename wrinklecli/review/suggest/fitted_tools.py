@@ -472,11 +472,9 @@ def _least_shortening(candidate: Candidate) -> float:
 
 def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
     """The driver on the tool's side; the given one if that has no twin there."""
-    base, side = split_side(driver)
-    wanted = split_side(tool)[1]
-    every = (*mesh.rig.names, *mesh.rig.morph_names)
-    named = (name for name in every if side and side != wanted and split_side(name) == (base, wanted))
-    return next(named, driver)
+    other = exchange_sides(driver)
+    there = split_side(driver)[1] != split_side(tool)[1] and other in (*mesh.rig.names, *mesh.rig.morph_names)
+    return other if there else driver
 
 
 def _probe(candidate: Candidate, width: float | None = None) -> Attached[WrinkleTool] | None:

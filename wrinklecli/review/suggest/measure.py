@@ -26,7 +26,7 @@ from wrinklecli.surface.strain import Gauge, read_gauge
 from wrinklecli.tools.records import ToolsFile
 
 # Most poses of a clip: a compression that matters lasts longer than a 200th of its clip.
-_MOST_POSES = 200
+MOST_POSES = 200
 # Triangles times poses of all clips and meshes, measured in two to three seconds. For more, poses are further apart ...
 _MOST_WORK = 3_000_000
 # ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take 4 s, and 7 s with 9 poses.
@@ -216,7 +216,7 @@ def _pose_counts(
     """The number of poses to look at, by the clip's index; fewer for large meshes and clips."""
     wanted = {
         clip.index: min(
-            _POSES_OF_TWO_KEYS if max(len(channel.times) for channel in clip.channels) <= 2 else _MOST_POSES,
+            _POSES_OF_TWO_KEYS if max(len(channel.times) for channel in clip.channels) <= 2 else MOST_POSES,
             (clip.end - clip.start) * fps + 1.0,
         )
         for clip in clips

@@ -18,12 +18,10 @@ class Merged:
     Attributes:
         text: The text of the file.
         added: By list, the number of entries that it did not have.
-        known: Names of suggestions that the file has.
     """
 
     text: str
     added: Mapping[str, int]
-    known: list[str]
 
 
 def merged(name: str, text: str, suggested: str, *, external: bool = False) -> Merged:
@@ -50,13 +48,11 @@ def merged(name: str, text: str, suggested: str, *, external: bool = False) -> M
         taken.setdefault(identifier(str(values["name"])), set()).add(values.get("node"))
     file = _with_presets(file, new.header.get("presets", []))
     added: dict[str, int] = {}
-    known: list[str] = []
     comments = _comments(suggested)
     for key, kind in KINDS.items():
         for values in new.of_list(key).tools:
             called, node = str(values["name"]), values.get("node")
             if node in taken.get(identifier(called), ()):
-                known.append(called)
                 continue
             unlike = {"mirror": "none"} if file.of_list(key).defaults.get("mirror") not in (None, "none") else {}
             free = numbered(called, taken) if identifier(called) in taken else called
@@ -67,7 +63,7 @@ def merged(name: str, text: str, suggested: str, *, external: bool = False) -> M
             taken |= {identifier(each): {node} for each in (free, exchange_sides(free))}
     if added:
         parse_tools(file.text, name=name, external=external)
-    return Merged(file.text, added, known)
+    return Merged(file.text, added)
 
 
 def _with_presets(file: ToolsText, paths: list[str]) -> ToolsText:

@@ -43,7 +43,7 @@ defaults:
 # (grip) and where the slide ends (reach) are guesses: look at each in a preview, and change or delete it.""",
 }
 # The defaults that this gives tools.
-_DEFAULTS: Mapping[str, Any] = {"rest_length": Length(100.0 - SLACK, percent=True)}
+_DEFAULTS: Mapping[str, Any] = {"rest_length": Length(100.0 - SLACK, percent=True), "max_height": "auto"}
 # Characters of a line of a list.
 _LONGEST = 100
 # Keys that are written though a file needs them not: one tries others first.
@@ -128,7 +128,7 @@ def refuse_unwritable(text: str, document: Document, entries: Sequence[Entry]) -
     Raises:
         AssetError: The asset's lengths are beyond the range of a tools file.
     """
-    by_name = {each.name: each for each in read_suggested(text, document, entries[0].known).effects}
+    by_name = {each.name: each for each in read_suggested(text, document, entries[-1].known).effects}
     for each in (entry.effect for entry in entries):
         assert by_name[each.name] == replace(each, where=by_name[each.name].where), each.name
 

@@ -25,6 +25,7 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.review.suggest.measure import MOST_POSES
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.tools.body import Touch, TouchWrinkles
@@ -34,8 +35,6 @@ from wrinklecli.tools.yaml_tree import printable
 
 # A tip touches where its middle is at most so many of its radii from other skin: animators leave a gap.
 _TOUCHES = 1.3
-# Poses of a clip that are looked at, at most.
-_MOST_POSES = 200
 # Weight of a joint from which on the skin counts as its own.
 _OWN = 0.5
 # Part of a last bone's length, from its end, round which a tip's radius is measured.
@@ -214,7 +213,7 @@ def _tip(node: int, end: int, arm: frozenset[int], hierarchy: Hierarchy, skins: 
 
 def _contacts(tips: Sequence[_Tip], skins: Sequence[_Skin], clip: Clip, fps: float) -> list[list[_Contact]]:
     """Find for each tip where and when it comes to other skin in a clip, of which each pose is computed once."""
-    count = int(np.clip(np.ceil((clip.end - clip.start) * fps), 1, _MOST_POSES))
+    count = int(np.clip(np.ceil((clip.end - clip.start) * fps), 1, MOST_POSES))
     times = np.linspace(clip.start, clip.end, count + 1)
     rig, nodes = skins[0].ground.rig, [tip.node for tip in tips]
     rests, moved = node_matrices(rig, None, np.zeros(1), nodes)[0], node_matrices(rig, clip, times, nodes)
