@@ -84,14 +84,12 @@ class Maps:
     Attributes:
         data: What maps.json says.
         paths: The files, maps.json first.
-        inputs: All files that were read.
         notes: A line for each effect that maps leave out.
         warnings: A line for each fault of the texture's layout, and for each tool that has too few texels.
     """
 
     data: Json
     paths: tuple[str, ...]
-    inputs: tuple[str, ...]
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
 
@@ -252,7 +250,7 @@ def make_maps(
         outputs.add_bytes(os.path.join(folder, MAPS_JSON), json_bytes(data, indent=1) + b"\n", last=True)
         paths = tuple(os.path.join(folder, name) for name in (MAPS_JSON, *files))
         log_findings(warnings, job.notes, where=job.document.path)
-        return Maps(data, paths, job.inputs, job.notes, tuple(warnings))
+        return Maps(data, paths, job.notes, tuple(warnings))
 
 
 def _file_name(name: str, taken: set[str]) -> str:
