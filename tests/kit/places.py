@@ -17,5 +17,6 @@ if _VARIABLE not in os.environ:
     atexit.register(shutil.rmtree, os.environ[_VARIABLE], ignore_errors=True)
 SHARED = Path(os.environ[_VARIABLE])
 # The user's own folder for settings stays as it is.
-os.environ["XDG_CONFIG_HOME"] = str(SHARED / "settings")
+SETTINGS = SHARED / "settings"
+os.environ["XDG_CONFIG_HOME"] = str(SETTINGS)
 FOLDER = Path(tempfile.mkdtemp(dir=SHARED))  # of this process alone

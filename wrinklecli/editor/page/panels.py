@@ -2,10 +2,11 @@
 
 import html
 import os
-import tempfile
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
+from wrinklecli.batching.stores import scratch
 from wrinklecli.character.posing import posable
 from wrinklecli.editor.baked_file import BakedFile, RunningBake, SavedBake
 from wrinklecli.editor.free_pose import POSE, FreePose
@@ -43,7 +44,8 @@ class FileButtons:
         self._page, self._session = page, page.session
         self._noted = 0  # notes of the session that were shown
         self._running: RunningBake | None = None
-        self._solved = tempfile.TemporaryDirectory()  # what no bake of this page solves again
+        # A folder for what no bake of this page solves again, once there is a bake.
+        self._solved, self._held = "", ExitStack()
         undo, redo = partial(self._step, forward=False), partial(self._step, forward=True)
         add_group(page, "file", {"Save": self._save, "Bake": self._bake, "Undo": undo, "Redo": redo})
         overwrite = partial(self._save, overwrite=True)
@@ -99,9 +101,10 @@ class FileButtons:
     def _bake(self) -> None:
         self.give_up()
         self._save()
+        self._solved = self._solved or self._held.enter_context(scratch())
         work = self._page.work
         self._running = RunningBake(
-            SavedBake.of(self._session, self._solved.name),
+            SavedBake.of(self._session, self._solved),
             lambda *step: work.put("progress", lambda: self._show_progress(*step)),
             lambda found: work.put("baked", lambda: self._show_baked(found)),
         )
@@ -118,7 +121,7 @@ class FileButtons:
     def close(self) -> None:
         """End a bake that runs, and forget what bakes have solved."""
         self.give_up()
-        self._solved.cleanup()
+        self._held.close()
 
     def _show_baked(self, found: BakedFile | WrinkleError) -> None:
         if self._running is None:  # cancelled meanwhile
