@@ -21,4 +21,4 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     sweeps = [march_clip(found, *each) for each in (*found.hinge.straight, *found.hinge.leaning)]
     assert given_up_by(found, sweeps[: len(found.hinge.straight)]) is None
     poses = [pose for each in sweeps for pose in each.poses(each.touching)]
-    return resolve(found, poses, sweeps, share=0.35, most=most)
+    return resolve(found, poses, sweeps, most=most)

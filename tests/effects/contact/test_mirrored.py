@@ -7,7 +7,7 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bakes import report_of
 from kit.folds import CLIP, twins
-from wrinklecli.effects.contact.sample import _SHAPE_ERROR
+from wrinklecli.effects.contact.crease import SHAPE_ERROR
 from wrinklecli.effects.contact.tissue import UNITS
 
 TIMES = np.linspace(0.0, 1.0, 9)
@@ -42,4 +42,4 @@ def test_mirrored_folds_are_mirrored(angle: float, inwards: float, near: float |
     greatest = np.linalg.norm(moves, axis=2).max()
     apart = np.linalg.norm(moves - moves[:, partners] * mirror, axis=2).max()
     assert greatest > 10.0
-    assert apart < (near or _SHAPE_ERROR * greatest)
+    assert apart < (near or SHAPE_ERROR * greatest)

@@ -49,7 +49,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     assert not followed.faults
     shown = shown_in([crease], [followed], [])
     assert shown.remaining == (None,)
-    assert (shown.heights == 1.0).all()
+    assert (shown.heights.weights == 1.0).all()
     assert np.array_equal(shown.followed[0].weights, followed.weights)
     error = crease.player_error(followed, scale=1.0)
     assert error.share < 0.1

@@ -57,12 +57,6 @@ def test_an_edge_of_half_its_length_is_a_tear_but_in_the_bottom_of_a_crease(
     assert tearing.tears(rest, rest + 0.6 * along, lambda given: given[:, 0] < rest[:, 0].min() + 1.0)
 
 
-def test_nothing_moves_further_than_the_limb_is_thick(surface: tuple[np.ndarray, Tearing]) -> None:
-    rest, tearing = surface
-    assert not tearing.tears(rest, rest + np.array([60.0, 0.0, 0.0]), nothing)
-    assert tearing.tears(rest, rest + np.array([80.0, 0.0, 0.0]), nothing)
-
-
 def test_a_triangle_that_faces_away_from_all_its_neighbours_is_a_tear() -> None:
     """A triangle in the middle of a plane, whose corners pass each other; its neighbours follow, and stay flat."""
     angles = np.radians([0.0, 120.0, 240.0])

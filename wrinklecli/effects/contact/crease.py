@@ -29,6 +29,10 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
+SHAPE_ERROR = 0.35
+"""Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts."""
+# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, ten morph targets.
+_MOST_SHAPES = 9
 # Poses from rest to the beginning of a clip that is folded there, or to the pose to which a clip jumps.
 _APPROACH = 33
 # Strides between two frames from which on a clip jumps, as STEP keys do: a quarter of what closes most folds.
@@ -142,11 +146,6 @@ class Crease:
             table.append((each.weights[good].T / reading.factors).T[further])
         order = np.argsort(np.concatenate(rows))
         return np.concatenate(rows)[order], np.concatenate(table)[order]
-
-    @property
-    def sizes(self) -> Floats:
-        """(shapes,) greatest move of a vertex at weight 1, bind units."""
-        return np.asarray(np.sqrt(np.sum(self.shapes**2, axis=2)).max(axis=1))
 
     @property
     def counting(self) -> Bools:
@@ -375,13 +374,7 @@ def given_up_by(fold: Fold, sweeps: Sequence[MarchedClip]) -> GivenUp | None:
 
 
 def resolve(
-    fold: Fold,
-    poses: Sequence[SolvedPose],
-    sweeps: Sequence[MarchedClip],
-    *,
-    share: float,
-    most: int,
-    fewest: int = 1,
+    fold: Fold, poses: Sequence[SolvedPose], sweeps: Sequence[MarchedClip], *, fewest: int = 1, most: int = _MOST_SHAPES
 ) -> Crease:
     """Compress solved poses of the sweeps of a fold, and of clips, and follow the sweeps.
 
@@ -391,23 +384,18 @@ def resolve(
         fold: The fold.
         poses: The solved poses.
         sweeps: The sweeps, about the joint's own axis first.
-        share: Greatest error of a vertex, relative to the greatest move. More shapes are made than this asks for if
-            there would be crossings.
+        fewest: Least number of shapes. More are made than `SHAPE_ERROR` asks for if there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
-        fewest: Least number of shapes.
     """
-    weights, shapes = np.zeros((0, 0)), np.zeros((0, len(fold.free_vertices), 3))
+    weights, shapes, chosen = np.zeros((0, 0)), np.zeros((0, len(fold.free_vertices), 3)), list[int]()
     if poses:
-        weights, shapes, _ = fit_poses([found for *_, found in poses], share=share, most=most, fewest=fewest)
+        weights, shapes, _ = fit_poses([found for *_, found in poses], share=SHAPE_ERROR, most=most, fewest=fewest)
+        # Frames in which normals are to be right: those with the greatest weight of each shape, and an even choice.
+        even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
+        chosen = sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
     return Crease(
         fold=fold,
         shapes=shapes,
-        samples=tuple((weights[k], *poses[k][:2]) for k in _chosen(weights)) if poses else (),
+        samples=tuple((weights[k], *poses[k][:2]) for k in chosen),
         largest=max((found.greatest_move for *_, found in poses), default=0.0) * fold.radius / UNITS,
     ).sweeping(sweeps)
-
-
-def _chosen(weights: Floats) -> list[int]:
-    """Frames in which normals are to be right: the frame with the greatest weight of each shape, and an even choice."""
-    even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
-    return sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})

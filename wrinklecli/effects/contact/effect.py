@@ -135,7 +135,6 @@ class ContactWords:
             "poses": sum(int(np.count_nonzero(each.weights.any(axis=1))) for each in swept),
             "fitted_to_clips": crease.fold.per_clip,
             "unsettled_poses": sum(len(each.faults) for each in swept),
-            "crossing_poses": sum(len(each.crossing) for each in swept),
             "error": significant(max((each.error for each in swept), default=0.0)),
             "unsettled_frames": sum(len(each.faults) for each in followed),
             "crossing_frames": sum(len(each.crossing) for each in followed),

@@ -49,16 +49,13 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: in
     enough, found, known = most, None, _Known.of(solved)
     fewest = min(fewest, most)
     # More shapes hardly ever do worse, so the range in which the fewest lie is halved.
-    while fewest < enough or (found is None and fewest == most):
+    while found is None or fewest < enough:
         count = (fewest + enough) // 2
         fit = _fitted(solved, count, known, bound=bound, allowed=allowed, last=count == most)
         if fit is None:
             fewest = count + 1
         else:
             found, enough = fit, count
-            if count == most:
-                break
-    assert found is not None
     return found
 
 

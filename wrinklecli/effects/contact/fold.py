@@ -106,11 +106,15 @@ class Fold:
         """Names of the nodes whose meshes its tools ignore."""
         return {name for each in self.patches for name in (each.tool.contact or Contact()).ignore}
 
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """The names of the tools whose contact is resolved here."""
+        return tuple(each.tool.name for each in self.patches)
+
     @cached_property
     def own_tools(self) -> list[int]:
         """The numbers of the tools whose contact is resolved here, among those of the mesh."""
-        names = {each.tool.name for each in self.patches}
-        return [number for number, each in enumerate(self.carried) if each.patch.tool.name in names]
+        return [number for number, each in enumerate(self.carried) if each.patch.tool.name in self.tools]
 
     @cached_property
     def raised(self) -> Bools:

@@ -82,12 +82,12 @@ class Shown:
 
     Attributes:
         followed: The fit of each.
-        heights: (frames,) parts of the height that their wrinkles keep.
+        heights: The parts of the height that their wrinkles keep over time.
         remaining: What is not resolved in each; None if all is.
     """
 
     followed: "tuple[Followed, ...]"
-    heights: Floats
+    heights: Rows
     remaining: tuple[Remaining | None, ...]
 
 
@@ -131,7 +131,7 @@ def shown_in(
         for each, own in zip(followed, faults, strict=True)
     ]
     remaining = [_remaining(look, each, found, whole, low) for look, each, found in zip(looks, made, left, strict=True)]
-    return Shown(tuple(made), low, tuple(remaining))
+    return Shown(tuple(made), Rows(times, low[:, None]), tuple(remaining))
 
 
 def heights_without(fold: Fold, clip: Clip) -> Rows:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from operator import call
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -39,11 +39,10 @@ if TYPE_CHECKING:
     from wrinklecli.effects.contact.kept import SolvedSystem
     from wrinklecli.effects.contact.system import System
 
+_Value = TypeVar("_Value")
 # Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
 _Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
 
-# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, ten morph targets.
-_MOST_SHAPES = 9
 # Poses of a clip, evenly spread, that shapes are made of.
 _CLIP_POSES = 16
 # Times that shapes are made, at most: each further time, as many poses that still cross are added. With two, a knee of
@@ -61,8 +60,6 @@ _MOST_TOGETHER = 2
 _ROOM = 32 * 10**6
 # Times that a fold grows by what its free vertices cross in clips, at most: each lets others move, which may cross too.
 _GROWTHS = 3
-# Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts.
-_SHAPE_ERROR = 0.35
 
 
 def resolve_folds(
@@ -119,7 +116,7 @@ def _refuse_large(
         vertices = sum(len(fold.vertices) for fold in folds)
         needs.append((frames * (_VERTEX_BYTES * vertices + _FREE_BYTES * _free_count(members)), frames, folds))
     largest = sorted(needs, key=lambda each: -each[0])[:at_once]
-    names = listed(patch.tool.name for _, _, folds in largest for fold in folds for patch in fold.patches)
+    names = listed(name for _, _, folds in largest for fold in folds for name in fold.tools)
     what = f"{sum(frames for _, frames, _ in largest):,} poses of the folds {names}, solved for contact,"
     how.memory.check(sum(size for size, _, _ in largest), what, where=where)
 
@@ -147,10 +144,9 @@ class _Clips:
         """The first clips with each motion, by their numbers."""
         return {number: self.every[number] for number in sorted(set(self.firsts))}
 
-    @property
-    def named(self) -> list[tuple[Clip, int]]:
-        """All clips, and the numbers of the first with their motions."""
-        return [*zip(self.every, self.firsts, strict=True)]
+    def by_name(self, found: Mapping[int, _Value]) -> dict[str, _Value]:
+        """What some first clips have, by the names of all clips with their motions."""
+        return {clip.name: found[first] for clip, first in zip(self.every, self.firsts, strict=True) if first in found}
 
     def times_for(self, folds: "Sequence[Fold]", clip: Clip) -> Floats:
         """(frames,) seconds at which folds that are solved together are marched in a clip."""
@@ -304,12 +300,15 @@ def _given_up(
     """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
     from wrinklecli.effects.contact.remaining import heights_without
 
-    tools = tuple(patch.tool.name for patch in fold.patches)
-    beside = tuple(patch.tool.name for each in members for patch in each.patches if patch.tool.name not in tools)
+    beside = tuple(name for each in members for name in each.tools if name not in fold.tools)
     name = _identifier(plan, fold, effects)
-    kept = {number: heights_without(fold, clip) for number, clip in clips.moving.items()}
-    heights = {clip.name: kept[first] for clip, first in clips.named if (kept[first].weights < 1.0).any()}
-    return Effect(name, SECTION, name, (), None, GivenUpWords(tools, fold.joint, given_up, beside, heights))
+    heights = _lowered({number: heights_without(fold, clip) for number, clip in clips.moving.items()}, clips)
+    return Effect(name, SECTION, name, (), None, GivenUpWords(fold.tools, fold.joint, given_up, beside, heights))
+
+
+def _lowered(heights: Mapping[int, Rows], clips: _Clips) -> dict[str, Rows]:
+    """The heights of wrinkles that are lowered, by the names of clips."""
+    return clips.by_name({first: each for first, each in heights.items() if (each.weights < 1.0).any()})
 
 
 def _followed(
@@ -330,7 +329,7 @@ def _followed(
         beside = [each.crease.moves(each.followed[followed[0].clip.name]) for each in before]
         shown[first] = shown_in(creases, followed, beside)
     made: list[Effect] = []
-    named = [(clip.name, first) for clip, first in clips.named]
+    heights = _lowered({first: each.heights for first, each in shown.items()}, clips)
     for number, crease in enumerate(creases):
         own = {first: each.followed[number] for first, each in shown.items()}
         for each in own.values():
@@ -339,15 +338,11 @@ def _followed(
         remaining = (each.remaining[number] for each in shown.values())
         words = ContactWords(
             crease=crease,
-            tools=tuple(each.tool.name for each in crease.fold.patches),
-            followed={name: own[first] for name, first in named},
+            tools=crease.fold.tools,
+            followed=clips.by_name(own),
             remaining=tuple(each for each in remaining if each is not None),
-            player_errors={name: errors[first] for name, first in named},
-            heights={
-                name: Rows(own[first].times, shown[first].heights[:, None])
-                for name, first in named
-                if (shown[first].heights < 1.0).any()
-            },
+            player_errors=clips.by_name(errors),
+            heights=heights,
         )
         made.append(_effect(plan, words, [*effects, *made]))
     return made
@@ -375,7 +370,7 @@ def _spanned(
     for _ in range(_ROUNDS):
         # More poses hardly ever need fewer shapes.
         fewest = max((len(each.shapes) for each, *_ in found), default=1)
-        crease = resolve(fold, chosen, sweeps, share=_SHAPE_ERROR, most=_MOST_SHAPES, fewest=fewest)
+        crease = resolve(fold, chosen, sweeps, fewest=fewest)
         chosen += [
             pose
             for each, solved in zip(crease.swept, sweeps, strict=True)
@@ -413,7 +408,7 @@ def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> E
         plan.fine,
         crease.fold.free_vertices,
         crease.shapes,
-        tallest=plan.scale * crease.sizes,
+        tallest=plan.scale * np.sqrt(np.sum(crease.shapes**2, axis=2)).max(axis=1),
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
         folded=True,
     )

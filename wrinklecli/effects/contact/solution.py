@@ -239,9 +239,6 @@ class March:
             outward=unit((1.0 - share) * one.outward + share * two.outward),
             between=(span.begin, span.end, share),
         )
-        # Where another mesh leaves no room, something crosses in any solution.
-        if one.crosses_itself or two.crosses_itself:
-            return between
         return None if between.crosses_itself else between
 
     def _keep(self, state: SolverState, nearest: "_Reached | None") -> None:

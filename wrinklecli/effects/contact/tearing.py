@@ -1,4 +1,4 @@
-"""Finds where contact tears a surface: it changes the length of an edge too far, turns a triangle over, or goes far.
+"""Finds where contact tears a surface: it changes the length of an edge too far, or turns a triangle over.
 
 The surface is compared with the one that the solver was given, skinned and wrinkled: wrinkles lengthen edges
 themselves, and are no tears. Skinning shrinks edges to nothing on the inside of a bend, where contact gives them their
@@ -25,8 +25,6 @@ _PRESSED_RINGS = 3
 # and further than this at rest, solver's units: a quarter of the limb's radius, as limbs are pressed by half of it.
 # Knees on a fine mesh have edges of 0.25 to 0.5 up to 12 units away.
 _PRESSED = 17.5
-# Farthest move of a vertex, solver's units: the radius of the limb, by which nothing can press it in.
-_FARTHEST = 70.0
 # Edges count as this long at least where they are lengthened, and become shorter by more than this, solver's units: a
 # millimetre of a knee is about what contact holds off.
 _SHORT = 1.0
@@ -81,9 +79,6 @@ class Tearing:
         """
         wanted, found = _lengths(given, self.edges), _lengths(shown, self.edges)
         if (found > _LONGEST * np.maximum(np.maximum(self.lengths, wanted), _SHORT)).any():
-            return True
-        ends = self.edges[:, 0]
-        if (np.sum((shown[ends] - given[ends]) ** 2, axis=1) > _FARTHEST**2).any():
             return True
         if (self._turned(shown) & ~self._turned(given)).any():
             return True
