@@ -167,7 +167,7 @@ def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tm
     assert not found.tools
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(
     ("asset", "why"),
     [

@@ -31,7 +31,7 @@ from wrinklecli.tools.records import Length, RestLengthMorph
 Json = dict[str, Any]
 
 
-@pytest.mark.quick(1, 2)
+@pytest.mark.quick(0, 2)
 @pytest.mark.parametrize(
     "options", [{}, {"rings": 40, "sides": 28}, {"rings": 11, "sides": 8}, {"normals": False, "indices": None}]
 )

@@ -115,7 +115,7 @@ LARGE = (*HEADS, "trousers")
 PLAYED = [name for name in ALL if name != "shared/simple_skin"]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", but(ALL, slow=LARGE))
 def test_no_errors_and_no_new_kinds_of_warnings(name: str, folder: Path) -> None:
     kinds = [("morph", "sparse"), ("morph", "dense"), ("frames", "sparse")]
