@@ -357,22 +357,18 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     """Find what colours say of each place."""
     lightness, chroma, hue = swatches.lightness, swatches.chroma, swatches.hue
     skin = _skin_like(swatches)
-    brown = _bell(hue, 56.0, 20.0) * _ramp(chroma, 0.012, 0.03)
-    tanned = brown * _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
-    # Black, and browns other than the character's skin, are the colours of leather and of cloth: the place decides.
+    brown = np.exp(-0.5 * ((hue - 56.0) / 20.0) ** 2) * _ramp(chroma, 0.012, 0.03)
+    brown *= _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
+    # Black is the colour of leather and of cloth: the place decides.
     black = _ramp(lightness, 0.35, 0.25) * _ramp(chroma, 0.03, 0.015)
-    tanned = np.maximum(tanned, _EITHER * black)
+    tanned = np.maximum(brown, _EITHER * black)
     if bare is not None:
         same = _ramp(difference(swatches.colours, bare), *_SAME_SKIN)
         skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
-        tanned = np.maximum(tanned, _EITHER * brown * _ramp(lightness, 0.75, 0.6) * (1.0 - same))
-    # Indigo.
-    denim = _bell(hue, 262.0, 20.0) * _ramp(chroma, 0.01, 0.03) * _ramp(lightness, 0.8, 0.65)
-    others = 1.0 - np.maximum(np.maximum(skin, tanned), denim)
     found: dict[SubstanceKind, Floats] = {
         "skin": _COLOUR * skin.mean(axis=1),
         "leather": 0.9 * _COLOUR * tanned.mean(axis=1),
-        "cloth": _COLOUR * (denim + others).mean(axis=1),
+        "cloth": _COLOUR * (1.0 - np.maximum(skin, tanned)).mean(axis=1),
     }
     grey = (chroma.mean(axis=1) < _GREY) & (lightness.mean(axis=1) > _DARK[0])
     plain = (swatches.pictured < 0.5) | (lightness.std(axis=1) < _PLAIN)
@@ -446,10 +442,6 @@ def _swatches(makeup: Makeup, places: Sequence[tuple[Ints, Floats]]) -> Swatches
     return makeup.pictures.swatches(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, places)
 
 
-def _bell(values: Floats, middle: float, deviation: float) -> Floats:
-    return np.asarray(np.exp(-0.5 * ((values - middle) / deviation) ** 2))
-
-
 def _ramp(values: Floats, low: float, high: float) -> Floats:
     """0 at `low`, which may be the greater, and 1 at `high`."""
     return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
@@ -479,7 +471,9 @@ def substances_at(ground: Ground) -> Ints:
     of_places(_groups(wholes), by_morph=False)
     remaining = np.flatnonzero(found[gauge.numbers] != SUBSTANCES.index("hard"))
     colours = makeup.pictures.colours(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts)
-    pieces = pieces_of(gauge.triangles, makeup.primitives, colours, areas)
+    # What the part of the body says is said of all of a piece, so shoes end where trousers as black as they begin.
+    shod = np.array([part in _SHOD for part in bodies])[nodes]
+    pieces = pieces_of(gauge.triangles, 2 * makeup.primitives + shod, colours, areas)
     of_places([remaining[own] for own in _groups(pieces[remaining, None])], by_morph=True)
     return found
 
