@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
 from wrinklecli.choices import Part, Profile
 from wrinklecli.effects.attached import Attached
 from wrinklecli.frozen import dataclass
@@ -168,13 +167,10 @@ class Suggestion(Place):
         return replace(first, others=(*first.others, *rest))
 
 
-def fit_tools(candidates: Sequence[Candidate], further: Sequence[Clip] = ()) -> Iterator[Suggestion]:
-    """Fit tools to candidates, best first, each when it is asked for.
-
-    No bump reaches its full height before the greatest shortening in the further clips either, as `check` has them.
-    """
+def fit_tools(candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
+    """Fit tools to candidates, best first, each when it is asked for."""
     of_sides = (each.mesh for each in candidates if each.mesh.node is not None and split_side(each.mesh.node)[1])
-    search = _Search(further, {exchange_sides(mesh.node or ""): mesh for mesh in of_sides})
+    search = _Search({exchange_sides(mesh.node or ""): mesh for mesh in of_sides})
     order, placed = sorted(candidates, key=lambda each: -each.score), list[Region]()
     for candidate in order:
         if candidate.score < _LEAST_SCORE * order[0].score:
@@ -200,12 +196,10 @@ class _Search:
     """A search for tools among candidates.
 
     Attributes:
-        further: As in `fit_tools`.
         twins: By the name of a mesh, the mesh of the other side.
         names: Identifiers that tools have already.
     """
 
-    further: Sequence[Clip]
     twins: Mapping[str, MeasuredMesh]
     names: frozenset[str] = frozenset()
 
@@ -266,11 +260,7 @@ class _Search:
         shortenings: list[dict[str, Shortening]],
     ) -> _Fitted:
         """A tool, or a pair whose first one is written; `meshes` are those of the patches."""
-        every = [
-            found | shortenings_of(mesh, patch, self.further)
-            for mesh, patch, found in zip(meshes, patches, shortenings, strict=True)
-        ]
-        suggestion = suggestion_of(candidate, patches, shortenings, with_rising_bumps(patches, every))
+        suggestion = suggestion_of(candidate, patches, shortenings, with_rising_bumps(patches, shortenings))
         if len(patches) == 2:
             twin = greatest(shortenings[1])
             suggestion = replace(suggestion, twin_clip=twin.clip.name, one_sided=100.0 * twin.ratio < SLACK)
@@ -280,7 +270,7 @@ class _Search:
                 for each, patch in zip(meshes, patches, strict=True)
             ]
             if all(wide):
-                tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], every)
+                tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], shortenings)
                 return replace(suggestion, others=(replace(suggestion, tool=tool),)), patches
         return suggestion, patches
 

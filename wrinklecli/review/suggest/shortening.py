@@ -18,8 +18,6 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 
-# Poses of a further clip.
-_FURTHER_POSES = 8
 # Most nodes times poses whose matrices are kept, as tools share them: of 48 MB.
 _MOST_KNOWN_ROWS = 500_000
 # Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
@@ -60,21 +58,15 @@ def attached(mesh: MeasuredMesh, tools: list[WrinkleTool]) -> list[Attached[Wrin
         return None
 
 
-def shortenings_of(
-    mesh: MeasuredMesh, patch: Attached[WrinkleTool], further: Sequence[Clip] = ()
-) -> dict[str, Shortening]:
-    """Find the greatest shortening of a tool in each clip of a mesh and in further clips, by the clip's name.
-
-    Each further clip goes from one key to another.
-    """
+def shortenings_of(mesh: MeasuredMesh, patch: Attached[WrinkleTool]) -> dict[str, Shortening]:
+    """Find the greatest shortening of a tool in each clip of a mesh, by the clip's name."""
     found = {}
     segment = segment_of(patch)
     joints = {joint for each in patch.regions[0].anchors for joint in each.joints}
     above = [moving_nodes(mesh.rig, [joint]) for joint in joints]
     around = frozenset({mesh.rig.node}.union(*above))
-    more = [(clip, np.linspace(clip.start, clip.end, _FURTHER_POSES)) for clip in further]
     motions = list[tuple[Clip, Floats]]()
-    for clip, times in [*zip(mesh.clips, mesh.times, strict=True), *more]:
+    for clip, times in zip(mesh.clips, mesh.times, strict=True):
         # The order of clips decides between equal ones.
         found[clip.name] = Shortening(clip, float(times[0]), 0.0, patch.span, segment.rest_length.constant)
         if any(_bends(clip, node, mesh.rig, above) for node in around & clip.nodes):

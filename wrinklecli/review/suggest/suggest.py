@@ -187,7 +187,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     levels = max([RefinementSettings().max_levels, *(each.levels for each in fields)])
     found = worthwhile(
         tried,
-        fit_tools(chosen, generated),
+        fit_tools(chosen),
         RefinementSettings(scheme=scheme, max_levels=levels),
         count=options.count,
         budget=budget,
