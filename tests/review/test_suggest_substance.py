@@ -15,7 +15,6 @@ from kit import characters
 from kit.asset import Array, Asset, attribute
 from kit.limb import limb_asset
 from kit.suggested import run
-from wrinklecli.character.clip import Clip
 from wrinklecli.errors import AssetError
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.fitted_tools import Suggestion
@@ -51,7 +50,7 @@ def places_on(folder: Path, asset: Asset, **options: Any) -> list[Candidate]:
     """The places that `suggest` finds, each with its substance, before it fits tools there, which takes longest."""
     found: list[Candidate] = []
 
-    def fitted(candidates: Sequence[Candidate], _: Sequence[Clip]) -> list[Suggestion]:
+    def fitted(candidates: Sequence[Candidate]) -> list[Suggestion]:
         found.extend(candidates)
         return []
 

@@ -32,7 +32,8 @@ def preset_of(candidate: Candidate) -> Preset | None:
     if material is None:
         return None
     if candidate.by_morph:
-        return known["forehead_young" if material == "skin" and _BROWS.search(candidate.driver) else material]
+        # A forehead is skin, whatever its colours.
+        return known["forehead_young" if _BROWS.search(candidate.driver) else material]
     return preset_for(material, candidate.part, known)
 
 
