@@ -205,7 +205,8 @@ def _judged(
     It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
     """
     placement, limb = placed[suggestion.tool.name], not suggestion.by_morph
-    look = look_in(asset, placement, suggestion.clip, suggestion.time, limb=limb)
+    everything = checked is None
+    look = look_in(asset, placement, suggestion.clip, suggestion.time, limb=limb, everything=everything)
     score, tallest = look or (None, None)
     judged = replace(
         suggestion,
@@ -257,11 +258,12 @@ def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequen
 
 
 def look_in(
-    asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool
+    asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool, everything: bool = True
 ) -> tuple[Score, StagedTool] | None:
     """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
 
-    `limb` is True if a limb folds there.
+    `limb` is True if a limb folds there. If not `everything` is looked at, a fold that is too open where it is tallest
+    has the best score that it could get.
 
     Returns:
         Its score where one sees it best, and the tool at its peak, where a fold may hide it.
@@ -270,6 +272,10 @@ def look_in(
     first = StagedTool.of(placement, asset.layers, clip, peak)
     if first.height <= _RAISED * first.size:
         return None
+    smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
+    best_score = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(first) if limb else math.nan))
+    if not (everything or best_score.is_kept):
+        return best_score, first
 
     def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
         staged = first if time == peak else StagedTool.of(placement, asset.layers, clip, time)
@@ -286,7 +292,7 @@ def look_in(
     merits = Merits(
         seen=side.visible if limb else part_not_hidden(sight.place, side),
         crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
-        smooth=1.0 - float(placement.plan.fine.hard_shares[placement.part.region]),
+        smooth=smooth,
         closed=_closed(staged) if limb else math.nan,
     )
     return Score.of(merits), first
