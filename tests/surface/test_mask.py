@@ -131,7 +131,7 @@ def test_a_coarse_mesh_takes_a_fine_mask(tmp_path: Path) -> None:
     places, factors = fine.rest_positions[carried.vertices], carried.magnitudes
     mask = np.interp(10.5 * (places[:, 0] + 1.0) - 0.5, np.arange(21), [1.0, 0.0] * 10 + [1.0])
     whole = carry(replace(carried.patch, mask=None), fine, np.zeros(len(fine.rest.positions), bool))
-    whole = creased(whole, fine, plan.rig)
+    whole = creased(whole, fine, plan.rest, plan.rig)
     unmasked = whole.magnitudes[np.searchsorted(whole.vertices, carried.vertices)]
     assert mask.max() > 0.9
     assert mask.min() < 0.2

@@ -35,7 +35,7 @@ def limb_with(blend: float, **options: Any) -> Asset:
 def lowered(asset: Asset, asked: Any, **header: Any) -> tuple[Any, Refinement, CarriedPatch, CarriedPatch]:
     made = prepare(asset, asked, **header)
     carried, fine = carry_patch(made)
-    return made, fine, carried, creased(carried, fine, made.rig)
+    return made, fine, carried, creased(carried, fine, made.rest, made.rig)
 
 
 def factors(before: CarriedPatch, after: CarriedPatch) -> Any:

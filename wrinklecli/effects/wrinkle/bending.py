@@ -12,7 +12,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.motion import motion_clip, raising, turning
-from wrinklecli.character.pose import Pose, joint_matrices, node_matrices, pose_at
+from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.effects.wrinkle.lookup import looked_up, weight_path, weights_of
@@ -178,18 +178,6 @@ def turns_of(patch: Patch, rig: Rig) -> list[Clip]:
     return [motion_clip("", [_turning(rig, node, way) for node in bent]) for way in (axis, -axis) if bent]
 
 
-def folded(patch: Patch, rig: Rig, angles: Floats) -> Floats | None:
-    """(angles, joints, 4, 4) bind to world space while all joints that bend a tool turn by (angles,) radians.
-
-    They turn the way that brings the tool's ends together; None if neither way does.
-    """
-    times, turns = angles / _MOST_TURN, turns_of(patch, rig)
-    distances = [float(patch.segment.lengths(rig, turn, times).distances.min()) for turn in turns]
-    if min(distances, default=np.inf) >= patch.span:
-        return None
-    return joint_matrices(rig, turns[int(np.argmin(distances))], times)
-
-
 def bent_node(patch: Patch, rig: Rig) -> int | None:
     """The joint that bends a tool: the one nearest to its middle of those that carry one end more than the other."""
     return next(iter(bent_nodes(patch, rig)), None)
@@ -201,7 +189,7 @@ def bent_nodes(patch: Patch, rig: Rig) -> list[int]:
     There are several where limbs share what hangs over them: each thigh bends the middle of a skirt. Joints of one limb
     bend it at one place, so the nearest of them stands for all.
     """
-    carried = [_carried_by(anchor, rig) for anchor in patch.anchors]
+    carried = [carried_by(anchor, rig) for anchor in patch.anchors]
     shares = {
         node: [each.get(node, 0.0) for each in carried]
         for node in sorted({node for each in carried for node in each})
@@ -222,7 +210,7 @@ def bent_nodes(patch: Patch, rig: Rig) -> list[int]:
     return found
 
 
-def _carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
+def carried_by(anchor: Anchor, rig: Rig) -> dict[int, float]:
     """The fraction of an anchor's weights that each node carries, directly or through its children."""
     shares: dict[int, float] = {}
     for node, weight in zip(anchor.carried.nodes.tolist(), anchor.carried.weights, strict=True):

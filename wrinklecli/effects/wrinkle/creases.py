@@ -13,12 +13,13 @@ import numpy as np
 
 from wrinklecli.character.pose import blend
 from wrinklecli.character.rig import Rig
-from wrinklecli.effects.wrinkle.bending import folded
+from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.materials import PLAIN_HEIGHT
 from wrinklecli.tools.records import RestLengthMorph
 
@@ -64,7 +65,7 @@ class _Points:
     within: Floats
 
 
-def creased(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
+def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> CarriedPatch:
     """Lower the wrinkles of a tool in creases; the tool itself if no joint makes one, or it keeps its height there.
 
     Strengths, masks and keys have nothing to do with it: they multiply or raise what is left.
@@ -72,9 +73,9 @@ def creased(carried: CarriedPatch, fine: Refinement, rig: Rig) -> CarriedPatch:
     patch, vertices = carried.patch, carried.vertices
     if not patch.shape_strength or patch.tool.creases == "keep":
         return carried
-    positions, normals = fine.posed_at(fine.rest, vertices)
+    positions, normals = fine.posed_at(rest, vertices)
     u, v = patch.coordinates(positions)
-    nearer = _nearer(carried, fine, rig, patch.share(u, v, patch.cosines(u, normals)))
+    nearer = _nearer(carried, fine, rest, rig, patch.share(u, v, patch.cosines(u, normals)))
     losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried
@@ -89,7 +90,7 @@ def faded(carried: CarriedPatch, losses: Floats, places: Floats) -> CarriedPatch
     return carried.times(1.0 - _spread(losses, places, carried.patch))
 
 
-def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -> Floats:
+def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, shares: Floats) -> Floats:
     """(vertices,) greatest κh of a tool's vertices, or what counts like it where a fold turns the surface away.
 
     A vertex rises by its (vertices,) share of the height of the tallest bump.
@@ -97,7 +98,7 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -
     patch, parents = carried.patch, fine.subdivision.parents
     nearer = np.zeros(len(carried.vertices))
     used, corners = np.unique(fine.surface.triangles[patch.members], return_inverse=True)
-    folds = _folds(patch, fine, rig, used)
+    folds = _folds(patch, fine, rest, rig, used)
     if not len(folds):
         return nearer
     corners = corners.reshape(-1, 3)
@@ -131,17 +132,49 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rig: Rig, shares: Floats) -
     return nearer
 
 
-def _folds(patch: Patch, fine: Refinement, rig: Rig, vertices: Ints) -> Floats:
+def _folds(patch: Patch, fine: Refinement, rest: Rest, rig: Rig, vertices: Ints) -> Floats:
     """(angles, vertices, 3, 4) bind to world space while all joints that bend a tool turn together; empty without.
 
     Both thighs below a skirt are raised when someone sits down; one alone folds less of it.
     """
-    matrices = None if isinstance(patch.tool.rest_length, RestLengthMorph) else folded(patch, rig, _ANGLES)
-    if matrices is None:
+    bent = [] if isinstance(patch.tool.rest_length, RestLengthMorph) else bent_nodes(patch, rig)
+    matrices = np.repeat(rest.matrices[None], len(_ANGLES), axis=0)
+    turned = [_turned(matrices, patch, rest, rig, node) for node in bent if node in rig.joints]
+    if not any(turned):
         return np.zeros((0, len(vertices), 3, 4))
     weights = fine.surface.dense_weights(vertices, len(rig.joints))
     acting = np.flatnonzero(weights.any(axis=0))
     return blend(weights[:, acting], matrices[:, acting])
+
+
+def _turned(matrices: Floats, patch: Patch, rest: Rest, rig: Rig, node: int) -> bool:
+    """Turn a joint and what hangs on it in (angles, joints, 4, 4) matrices, if that brings the tool's ends together."""
+    number = int(np.flatnonzero(rig.joints == node)[0])
+    centre = (rest.matrices[number] @ np.linalg.inv(rig.inverse_binds[number]))[:3, 3]
+    below = rig.joints_below[number]
+    shares = [carried_by(anchor, rig).get(node, 0.0) for anchor in patch.anchors]
+    ends = np.array([anchor.position for anchor in patch.anchors])
+    axis = np.stack(cross(patch.along, patch.normal))
+    lengths = []
+    for way in (axis, -axis):
+        turned = (ends - centre) @ _turn(way, _ANGLES[0])[:3, :3].T + centre
+        moved = ends + np.array(shares)[:, None] * (turned - ends)
+        lengths.append(float(np.linalg.norm(np.diff(moved, axis=0), axis=1).sum()))
+    if min(lengths) >= patch.span:
+        return False
+    turns = np.stack([_turn(axis if lengths[0] <= lengths[1] else -axis, angle) for angle in _ANGLES])
+    turns[:, :3, 3] = centre - turns[:, :3, :3] @ centre
+    matrices[:, below] = turns[:, None] @ rest.matrices[below]
+    return True
+
+
+def _turn(axis: Floats, angle: float) -> Floats:
+    """(4, 4) turn about a unit axis through the origin."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(4)
+    turn[:3, :3] += np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return turn
 
 
 def _curvatures(points: _Points, blended: Floats, positions: Floats, directions: Floats) -> tuple[Floats, Floats]:

@@ -250,7 +250,7 @@ class WrinkleKind(EffectKind[WrinkleTool, Patch]):
         """
 
         def carried(patch: Patch) -> CarriedPatch:
-            lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rig)
+            lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
             return demanding(lowered, plan.fine, plan.rig)
 
         firsts, patches = zip(*attached, strict=True)
