@@ -19,7 +19,8 @@ from kit.limb import limb_asset, tool, write_tools
 from kit.prepared import prepare
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import MarchedClip, given_up_by
+from wrinklecli.character.clip import Clip
+from wrinklecli.effects.contact.crease import Crease, MarchedClip, given_up_by
 from wrinklecli.effects.contact.fitting import combined, fit_poses
 from wrinklecli.effects.contact.fold import RINGS, Fold
 from wrinklecli.effects.contact.hinge import hinge_of
@@ -107,3 +108,18 @@ def test_a_fold_whose_motion_settles_nowhere_beyond_30_degrees_is_given_up(
         assert (reason.reason, reason.degrees) == ("is torn", pytest.approx(40.0, abs=0.1))
     else:
         assert reason is None
+
+
+@pytest.mark.parametrize("torn", [False, True])
+def test_a_pose_that_shapes_tear_is_asked_for_in_the_next_round(*, torn: bool) -> None:
+    nothing = np.zeros((4, 3))
+    found: Any = SimpleNamespace(
+        moved=nothing, error_weights=np.ones(4), held_volume=(nothing, 0.0), between=None,
+        crossing=lambda moved: np.zeros(len(moved), bool), errors=lambda _: np.zeros(4),
+        volume_change=lambda _: 0.0, tears=lambda _: torn,
+    )  # fmt: skip
+    fold: Any = SimpleNamespace(radius=1.0)
+    crease, clip = Crease(fold, np.ones((1, 4, 3)), (), 1.0), Clip(-1, "", (), 0.0, 1.0)
+    followed = crease.follow(MarchedClip(clip, np.array([0.0, 1.0]), {1: found}, {}))
+    assert followed.unspanned == ((1,) if torn else ())
+    assert followed.crossing == ()

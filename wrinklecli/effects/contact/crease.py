@@ -172,8 +172,8 @@ class Crease:
             error = max(error, float(found.errors(moved).max(initial=0.0)))
             loss = abs(found.volume_change(moved))
             lost = max(lost, loss)
-            # A fit may take no more volume away than it may, and than the solution does.
-            if loss > max(MOST_LOST, abs(found.volume_change(found.moved))):
+            # A fit may take no more volume away than it may, and than the solution does, and may tear nothing.
+            if loss > max(MOST_LOST, abs(found.volume_change(found.moved))) or found.tears(moved):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
@@ -314,7 +314,7 @@ class Followed:
         error: Greatest distance of the shapes from the solutions, scene units.
         lost: Greatest volume that the shapes take away, relative to a limb as long as it is thick.
         crossing: The frames in which the shapes leave crossings.
-        unspanned: These frames, and those in which the shapes take volume away.
+        unspanned: These frames, and those in which the shapes take volume away or tear the surface.
         faults: The reasons why contact does not count in frames, by their numbers: it is held there, or fades.
     """
 
