@@ -218,7 +218,7 @@ def _most_targets(document: Document, plan: MeshPlan, budget: Budget, *, tangent
 
 
 def _remedies(effects: Sequence[Effect]) -> str:
-    """What would give fewer targets: first the remedies that effects have of their own, with their names."""
+    """The ways to fewer targets: first the remedies that effects have of their own, with their names."""
     names: dict[str, list[str]] = {}
     for each in effects:
         names.setdefault(each.words.remedy, []).append(each.name)

@@ -130,7 +130,7 @@ def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[l
 
 
 def _sampling(job: Job, mode: Mode, progress: Progress) -> SamplingOptions:
-    """How clips are sampled."""
+    """The options with which clips are sampled."""
     return SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress, job.options.jobs)
 
 

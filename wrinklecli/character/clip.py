@@ -360,7 +360,7 @@ def sample_together(clip: Clip, places: Sequence[tuple[int, str]], times: Floats
 
 
 def _places(keys: Floats, times: Floats) -> tuple[Floats, Ints, Floats, slice]:
-    """Where (frames,) times are among two or more keys.
+    """The places of (frames,) times among two or more keys.
 
     Returns:
         The keys that are needed; (frames,) indices of the ones before, and fractions of the intervals after these; and

@@ -34,7 +34,7 @@ class Texture:
 
 @dataclass(frozen=True, slots=True)
 class Opacity:
-    """What shows of a primitive whose `alphaMode` is MASK or BLEND.
+    """The visible part of a primitive whose `alphaMode` is MASK or BLEND.
 
     Attributes:
         alphas: (vertices,).

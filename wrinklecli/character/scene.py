@@ -122,7 +122,7 @@ def deforms(document: Document, node: int) -> bool:
 
 
 NO_MESH = "it has no mesh: --anim takes its clips, beside a character"
-"""What to do with a file of clips alone."""
+"""Advice for a file of clips alone."""
 
 
 def none_deforms(document: Document) -> str:

@@ -1,4 +1,4 @@
-"""What the editor proposes, as keys of a tools file: a first guess for a new tool, and what `suggest` finds."""
+"""Proposals of the editor, as keys of a tools file: a first guess for a new tool, and what `suggest` finds."""
 
 from collections.abc import Mapping
 from functools import cached_property

@@ -229,7 +229,7 @@ class Session(Edits):
             return name
 
     def proposals(self, *, posed: bool = False) -> list[Proposal]:
-        """What `suggest` finds for the asset, in its motions, or with `posed` in the pose that is set.
+        """Suggest for the asset, in its motions, or with `posed` in the pose that is set.
 
         A call may take seconds; others may go on meanwhile.
         """

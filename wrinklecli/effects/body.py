@@ -82,7 +82,7 @@ class BodyWords(ABC, Generic[AttachedType]):
 
     @abstractmethod
     def values(self, names: Sequence[str]) -> Json:
-        """What a report says of this kind alone, by the names of nodes: JSON values, lengths in scene units."""
+        """The facts in a report of this kind alone, by the names of nodes: JSON values, lengths in scene units."""
 
 
 @dataclass(frozen=True, slots=True)

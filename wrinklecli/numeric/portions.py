@@ -13,7 +13,7 @@ AT_ONCE = 2**17
 
 
 def portion(width: int) -> int:
-    """How many rows of `width` numbers are computed at once, at least one."""
+    """The number of rows of `width` numbers that are computed at once, at least one."""
     return max(AT_ONCE // max(width, 1), 1)
 
 

@@ -128,7 +128,7 @@ class _State:
         return every if self.counter is None else self.counter.reduced(clip, times, every)
 
     def level(self, clip: Clip, times: Floats) -> list[int] | None:
-        """What would cross if nothing of the bake moved the refined surface, counted alike; None without a bake."""
+        """Count what would cross if nothing of the bake moved the refined surface; None without a bake."""
         if self.counter is None or not self.counter.is_moved:
             return None
         every = self.counter.level.found(clip, times)

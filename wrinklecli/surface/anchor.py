@@ -122,7 +122,7 @@ def segment_at(asked: Floats, number: int) -> float:
 
 
 def is_far(distance: float, segment: float) -> bool:
-    """Whether a point is further from the mesh than an anchor of a segment may be, scene units."""
+    """True if a point is further from the mesh than an anchor of a segment may be, scene units."""
     return distance > _ANCHOR_REACH * segment
 
 

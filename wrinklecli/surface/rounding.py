@@ -95,7 +95,7 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
 
 
 def bends(surface: Surface, positions: Floats) -> tuple[Floats, Floats]:
-    """How much the surface bends at its edges, each by its angle times its length: at hard ones, and at all.
+    """The bend of the surface at its edges, each its angle times its length: at hard ones, and at all.
 
     A smooth surface bends at soft edges, a faceted one and a box at hard ones alone.
 

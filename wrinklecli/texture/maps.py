@@ -95,7 +95,7 @@ class Maps:
 
     @property
     def record(self) -> Json:
-        """What was written, for `--json`: JSON values only."""
+        """The record of what was written, for `--json`: JSON values only."""
         return {
             "size": self.data["size"],
             "files": list(self.paths),

@@ -40,7 +40,7 @@ OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
     "leather": {"wavelength": "12%", "slack": "4%", "variation": 0.15},
     "skin": {"wavelength": "6%", "slack": "10%", "variation": 0.1},
 }
-"""What each material gives a field for keys that it does not have; chosen by eye on trousers, a suit and a sleeve."""
+"""Values of each material for keys that a field lacks; chosen by eye on trousers, a suit and a sleeve."""
 
 _WAVELENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, {**LENGTH, **slider(2, 30, 0.5, "%")}])
 
@@ -155,7 +155,7 @@ class Field(EffectTool):
 
     @classmethod
     def of_material(cls, values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
-        """What its material gives for keys that it does not have."""
+        """The values that its material gives for keys that it does not have."""
         return OF_MATERIALS[values.get("material", "cloth")]
 
     @classmethod

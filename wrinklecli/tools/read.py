@@ -185,7 +185,7 @@ def _points(values: Mapping[str, Any], kind: type[EffectTool]) -> set[Point | No
 
 
 def _place(values: Mapping[str, Any], kind: type[EffectTool]) -> Any:
-    """What says where an effect is: its points, or for want of such its mesh and its joints."""
+    """The keys that say where an effect is: its points, or for want of such its mesh and its joints."""
     return _points(values, kind) or [values.get(key) for key in ("node", "joints")]
 
 

@@ -389,7 +389,7 @@ def moved_point(point: Point, moved: Callable[[Position], Position], named: Call
 
 
 def drawn_from(name: str, seed: int | None) -> str:
-    """What the irregularity of an effect is drawn from: its seed, or else its name."""
+    """The seed of an effect's irregularity, or else its name."""
     return name if seed is None else str(seed)
 
 
@@ -447,7 +447,7 @@ class EffectTool:
 
     @classmethod
     def of_material(cls, _values: Mapping[str, Any], _known: Mapping[str, Preset]) -> Mapping[str, Any]:
-        """What its material gives for other keys, as a file would write it; most kinds have no material."""
+        """The values that its material gives other keys, as a file would write them; most kinds have no material."""
         return {}
 
     def place(self, *keys: str) -> str:
@@ -691,7 +691,7 @@ class WrinkleTool(EffectTool):
 
     @classmethod
     def of_material(cls, values: Mapping[str, Any], known: Mapping[str, Preset]) -> Mapping[str, Any]:
-        """What the material of these keys gives for others, as a file would write it."""
+        """The values that the material of these keys gives others, as a file would write them."""
         material = known.get(str(values.get("material")))
         if material is None:
             return {}

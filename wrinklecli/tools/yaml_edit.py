@@ -89,7 +89,7 @@ def _part_of(values: Any, steps: Steps) -> Any:
 
 
 def _value_of(lines: Sequence[str]) -> Any:
-    """What lines of YAML say."""
+    """The value that lines of YAML say."""
     root, _ = read_tree("\n".join(lines))
     return None if root is None else root.value
 

@@ -78,7 +78,7 @@ class Moves:
 
 @dataclass(frozen=True, slots=True)
 class PlayerError:
-    """How far what players show of contact in a clip is from what the bake shows.
+    """The distance in a clip between contact as players show it and as the bake shows it.
 
     Attributes:
         length: Greatest distance between the two, scene units.

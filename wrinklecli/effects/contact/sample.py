@@ -145,7 +145,7 @@ class _Clips:
         return {number: self.every[number] for number in sorted(set(self.firsts))}
 
     def by_name(self, found: Mapping[int, _Value]) -> dict[str, _Value]:
-        """What some first clips have, by the names of all clips with their motions."""
+        """The values of some first clips, by the names of all clips with their motions."""
         return {clip.name: found[first] for clip, first in zip(self.every, self.firsts, strict=True) if first in found}
 
     def times_for(self, folds: "Sequence[Fold]", clip: Clip) -> Floats:

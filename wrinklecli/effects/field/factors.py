@@ -256,7 +256,7 @@ def _nearer(values: Floats, wanted: Floats, products: Floats) -> Floats:
 
 
 def _best(shapes: Floats, heights: Floats) -> float:
-    """What shapes miss of heights with the best weights, each pose by itself."""
+    """The part of the heights that shapes miss with the best weights, each pose by itself."""
     weights, wanted, products = np.zeros((len(shapes), len(heights))), shapes @ heights.T, shapes @ shapes.T
     # These rounds cost little.
     for _ in range(_ROUNDS**2):

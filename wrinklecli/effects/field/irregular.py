@@ -24,7 +24,7 @@ _LENGTHS, _TURNS, _HEIGHTS = 1.5, 2.0, 10.0
 
 @dataclass(frozen=True, slots=True)
 class Irregular:
-    """How the crests of a field differ.
+    """The differences between the crests of a field.
 
     Attributes:
         wavelength: Typical, scene units.

@@ -104,7 +104,7 @@ def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]]) -> tuple[
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slopes:
-    """How fast factors of a field may rise beside lower ones, along the edges of a surface.
+    """The greatest rise of a field's factors beside lower ones, along the edges of a surface.
 
     Attributes:
         firsts: (vertices,) where the neighbours of each begin, itself among them,

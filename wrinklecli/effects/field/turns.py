@@ -73,7 +73,7 @@ def turns_of(ground: Ground, moving: Sequence[int]) -> list[Turn]:
 
 
 def acting_together(ground: Ground, turns: Sequence[Turn]) -> float:
-    """How many turns act at once, in the mean: all where clips show them, as in a walk."""
+    """The number of turns that act at once, in the mean: all where clips show them, as in a walk."""
     vectors = [_shown(ground.rig, node, ground.clips) for node in {turn.signal.node for turn in turns}]
     return len(turns) if _are_told(vectors) else min(_TOGETHER, len(turns))
 

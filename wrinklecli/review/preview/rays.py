@@ -217,7 +217,7 @@ def first_hits(
 
 
 def _seen(surface: TracedSurface, eyes: Array, directions: Array, opacity: Opacity | None) -> list[Array]:
-    """What rays see, layer by layer: (hits,) rays, triangles, (hits, 3) weights, depths, and parts of a ray's light."""
+    """The hits of rays by layers: (hits,) rays, triangles, (hits, 3) weights, depths, and parts of a ray's light."""
     rays, far, left = np.arange(len(eyes)), np.zeros(len(eyes), np.float32), np.ones(len(eyes), np.float32)
     layers: list[tuple[Array, ...]] = []
     while len(layers) < _LAYERS and (len(rays) or not layers):

@@ -58,7 +58,7 @@ _OF_BOTH_SIDES = re.compile("brow|forehead", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """What is known of a place for a tool.
+    """A place for a tool, and all that is known of it.
 
     Attributes:
         driver: Name of the joint or morph target that compresses it.

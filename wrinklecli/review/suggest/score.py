@@ -91,7 +91,7 @@ class Score:
 
     @property
     def sentence(self) -> str:
-        """What the place wants most, for people."""
+        """The greatest want of the place, in a sentence."""
         value = getattr(self.merits, self.worst)
         return REASONS[self.worst][1].format(f"{100 * value:.0f} %")
 

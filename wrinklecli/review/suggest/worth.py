@@ -242,7 +242,7 @@ def _cost(placed: dict[str, Placement], contact: Contact | None = None) -> int:
 
 
 def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequence[Clip]) -> tuple[str, float]:
-    """What `check` would warn of first, and the `compressible` that the tool needs; an empty string if of nothing."""
+    """The first warning of `check`, or an empty string, and the `compressible` that the tool needs."""
     warnings, needed = list[str](), 0.0
     clips = _shortest_clips(suggestion, clips)
     for placement in placed.values():
