@@ -165,7 +165,7 @@ class _Look:
         vertices: (own,) those of the part.
         still: (3, own) places in the skin.
         ways: (3, own) displacements for a height of 1.
-        at_fault: The indices of those that are at fault at (3, own) places.
+        at_fault: Gives the indices of those that are at fault at (3, own) places.
     """
 
     pose: int

@@ -46,7 +46,7 @@ defaults:
 _DEFAULTS: Mapping[str, Any] = {"rest_length": Length(100.0 - SLACK, percent=True), "max_height": "auto"}
 # Characters of a line of a list.
 _LONGEST = 100
-# Keys that are written though a file needs them not: one tries others first.
+# Keys that are written even where they have their defaults, as people try other values of these first.
 _SHOWN = ("material", "strategy", "bumps", "compressible")
 
 
