@@ -309,10 +309,17 @@ def find_folds(
             without.append(number)
     none = np.zeros(0, np.intp)
     bare = partial(
-        Fold, vertices=none, triangles=none.reshape(0, 3), own=none > 0, crossed=none > 0, rig=rig, rest=rest
+        Fold,
+        vertices=none,
+        triangles=none.reshape(0, 3),
+        own=none > 0,
+        crossed=none > 0,
+        rig=rig,
+        rest=rest,
+        fine=fine,
+        movers=tuple(movers),
     )
-    bare = partial(bare, fine=fine, movers=tuple(movers))
-    folds = [_round_joint(bare, each, node, carried_patches, parts[node]) for node, each in by_node.items()]
+    folds = [_round_joint(bare, each, node, carried_patches, rig, rest, parts[node]) for node, each in by_node.items()]
     folds += [_round_tools(bare, each, carried_patches) for each in by_rise.values()]
     folds = [_with_obstacles(fold, obstacles(fold.ignored) if obstacles else ()) for fold in folds]
     return folds, without
@@ -340,10 +347,16 @@ def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
 
 
 def _round_joint(
-    bare: "partial[Fold]", tools: Sequence[int], node: int, carried: Sequence[CarriedPatch], part: Part | None
+    bare: "partial[Fold]",
+    tools: Sequence[int],
+    node: int,
+    carried: Sequence[CarriedPatch],
+    rig: Rig,
+    rest: Rest,
+    part: Part | None,
 ) -> Fold:
-    """The fold of tools over one joint, made from what all have in common."""
-    rig, rest, patches = bare.keywords["rig"], bare.keywords["rest"], [carried[number].patch for number in tools]
+    """The fold of tools over one joint; `bare` has what all folds have in common."""
+    patches = [carried[number].patch for number in tools]
     pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
     radius = max(_limb_radius(patch, pivot) for patch in patches)
     hinge = hinge_of(node, patches, pivot, rig, part)
