@@ -19,6 +19,8 @@ from threading import Event, Thread
 from typing import Any
 from unittest.mock import patch
 
+import click
+
 from kit import web
 from kit.asset import Json
 from kit.cases import DEVICES, PRESETS, WEB, Case
@@ -35,6 +37,7 @@ from kit.visits import visited, watched
 from wrinklecli.batching import jobs, stores, worker
 from wrinklecli.batching.manifest import read_manifest
 from wrinklecli.cli import main
+from wrinklecli.editor.side_file import SideFile
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 
@@ -167,7 +170,10 @@ def _write_side(case: Case, folder: Path) -> None:
     for edit in edits:
         if edit[1] == "side bytes":
             edit_bytes(data, edit)
-    (folder / ".tools.yaml.unsaved").write_bytes(data)
+    # Where the command looks for it: in the user's own folder, which is one of the run of tests.
+    side = Path(SideFile(click.get_app_dir("wrinkle"), os.fspath(folder / "tools.yaml")).path)
+    side.parent.mkdir(parents=True, exist_ok=True)
+    side.write_bytes(data)
 
 
 def _displace(path: Path, kind: str, *, asset: Path) -> None:
