@@ -57,7 +57,7 @@ def session(tmp_path: Path) -> Session:
 
 
 def baked_of(session: Session, folder: Path) -> BakedFile:
-    """What a session has saved, baked in this process."""
+    """The baked file of what a session has saved, made in this process."""
     bake = SavedBake.of(session, str(folder / "cache"))
     return bake.read(bake.run())
 

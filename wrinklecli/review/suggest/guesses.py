@@ -76,7 +76,7 @@ def _are_mirrored(one: Guess, other: Guess) -> bool:
 
 
 def _greatest_moves(guesses: Sequence[Guess], clips: Sequence[Clip], fps: float) -> dict[str, dict[str, Any]]:
-    """By the name of an effect, the moment at which clips move the skin most by it.
+    """The moment at which clips move the skin most by an effect, by the names of effects.
 
     Its `shortening` is the part of its length by which a muscle is shorter then, below 0 if it is stretched.
     """
