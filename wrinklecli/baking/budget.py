@@ -176,7 +176,7 @@ def fit_budget(
     """
     limits = BUDGETS[engine]
     budget = replace(limits, targets=_most_targets(document, plan, limits, tangents=tangents))
-    name = str(plan.rig.names[plan.rig.node])
+    name = plan.rig.node_name
     found: Json = {"node": name, "reduced": []}
     if budget.influences is not None:
         found.update(_judge_influences(document, plan, clips, budget.influences, engine))
@@ -397,6 +397,6 @@ def _judge_influences(document: Document, plan: MeshPlan, clips: Sequence[Clip],
         raise RefusedError(
             f"has {len(over)} vertices of more than {limit} joints, which --engine {engine} would put off by"
             f" {error:.3g}; --max-error allows {plan.max_error:.3g}. Limit the asset to {limit} joints a vertex",
-            where=str(rig.names[rig.node]),
+            where=rig.node_name,
         )
     return {"vertices_over_influences": len(over), "influence_error": significant(error, 4)}

@@ -109,7 +109,7 @@ def morph_target_bytes(plan: MeshPlan, moved: Sequence[int], *, dense: bool) -> 
 
 
 def _where(plan: MeshPlan) -> str:
-    return plan.rig.names[plan.rig.node]
+    return plan.rig.node_name
 
 
 def _vectors(plan: MeshPlan) -> int:

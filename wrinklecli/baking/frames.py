@@ -130,7 +130,7 @@ def encode_frames(edited: EditedDocument, mesh: BakedMesh, progress: Progress) -
     refined_primitives = primitives_of(mesh.plan.fine)
     bounds = np.cumsum([0] + [len(refined.weld) for refined in refined_primitives])
     nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
-    group: Json = {"name": f"{rig.names[rig.node]}_frames", "children": []}
+    group: Json = {"name": f"{rig.node_name}_frames", "children": []}
     nodes.append(group)
     _add_root(edited, rig, len(nodes) - 1)
     total = sum(len(motion.times) for motion in mesh.motions)
@@ -139,7 +139,7 @@ def encode_frames(edited: EditedDocument, mesh: BakedMesh, progress: Progress) -
         start = len(nodes)
         for posed in pose_frames(edited.source, mesh, motion):
             meshes.append(_frame_mesh(edited, template, posed, bounds))
-            name = f"{rig.names[rig.node]}_{motion.clip.name}_{len(nodes) - start:04d}"
+            name = f"{rig.node_name}_{motion.clip.name}_{len(nodes) - start:04d}"
             hidden = {} if len(nodes) == first else {"scale": [0.0, 0.0, 0.0]}
             group["children"].append(len(nodes))
             nodes.append({"name": name, "mesh": len(meshes) - 1, **hidden})

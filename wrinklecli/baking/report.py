@@ -205,7 +205,7 @@ def _three_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
 
     Source: GLTFLoader of three.js, `_createAnimationTracks`, which model-viewer 4.4 has too.
     """
-    document, where = job.document, rig.names[rig.node]
+    document, where = job.document, rig.node_name
     nodes, meshes = document.items("nodes"), document.items("meshes")
     with_targets = (k for k, node in enumerate(nodes) if "mesh" in node and morph_target_names(meshes[node["mesh"]]))
     below = [rig.names[node] for node in with_targets if rig.node in _above(rig, node)]
@@ -234,7 +234,7 @@ def _above(rig: Rig, node: int) -> Iterator[int]:
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
     plan, rig, fine = mesh.plan, mesh.plan.rig.own, mesh.plan.fine
     data = {
-        "node": rig.names[rig.node],
+        "node": rig.node_name,
         "coarse_vertices": len(fine.surface.weld),
         # Weights alone leave the mesh as it is.
         "vertices": len(fine.surface.weld if mode == "weights" else fine.weld),

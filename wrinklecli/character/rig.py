@@ -94,6 +94,11 @@ class Rig(Hierarchy):
     drives: tuple[DrivenTargets, ...] = ()
 
     @property
+    def node_name(self) -> str:
+        """Name of the node that has the mesh."""
+        return self.names[self.node]
+
+    @property
     def joints_below(self) -> Bools:
         """(joints, joints) True where the second is the first or below it."""
         numbers = {node: number for number, node in enumerate(self.joints.tolist())}

@@ -40,7 +40,7 @@ class ScenePrimitive(SkinnedMesh):
     @property
     def name(self) -> str:
         """The name of the node."""
-        return self.rig.names[self.rig.node]
+        return self.rig.node_name
 
     @property
     def seen(self) -> Ints:

@@ -104,7 +104,7 @@ class PlayableMesh:
     @property
     def node(self) -> str:
         """Name of the node."""
-        return self.ground.rig.names[self.ground.rig.node]
+        return self.ground.rig.node_name
 
     @cached_property
     def kept(self) -> Ints:

@@ -74,7 +74,7 @@ class BodyWords(ABC, Generic[AttachedType]):
         return {
             "name": self.name,
             "where": self.attached.tool.where,
-            "node": plan.rig.names[plan.rig.node],
+            "node": plan.rig.node_name,
             **self.values(plan.rig.names),
             "moved_vertices": int(are_nonzero(self.deltas).any(axis=0).sum()),
             "targets": list(targets),

@@ -224,7 +224,7 @@ def _with_moves(fine: Refinement, attached: Sequence[AnyAttached], names: Sequen
 
 def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) -> list[str]:
     """Warnings about a mesh with all its effects, for clips that are baked."""
-    where = plan.rig.names[plan.rig.node]
+    where = plan.rig.node_name
     warnings = [
         f"{where}: {name} counts as a copy of it, as most vertices of one are at those of the other: it holds no"
         " wrinkles down, and has only those of its own tools"
@@ -251,7 +251,7 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
 
 def track_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
     """Warnings about clips that get a track of weights: before 0 s, or on a mesh whose own targets they left alone."""
-    rig, where = plan.rig, plan.rig.names[plan.rig.node]
+    rig, where = plan.rig, plan.rig.node_name
     early = [
         f"{where}: {clip.name} has keys before 0 s, where players begin: its weights are written from 0 s on"
         for clip in clips

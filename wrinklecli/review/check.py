@@ -251,7 +251,7 @@ def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Jso
 def _describe_mesh(plan: MeshPlan) -> Json:
     fine = plan.fine
     return {
-        "node": plan.rig.names[plan.rig.node],
+        "node": plan.rig.node_name,
         "vertices": len(fine.surface.weld),
         "new_vertices": len(fine.weld) - len(fine.surface.weld),
         "triangles": len(fine.surface.triangles),

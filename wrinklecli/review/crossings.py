@@ -242,7 +242,7 @@ def _name(surface: SceneSurface, part: int) -> str:
     owner, joint = divmod(part, len(surface.rigs[0].names))
     rig = surface.rigs[owner]
     name = rig.names[joint]
-    return name if len(distinct_values(surface.wholes)) == 1 else f"{rig.names[rig.node]}: {name}"
+    return name if len(distinct_values(surface.wholes)) == 1 else f"{rig.node_name}: {name}"
 
 
 def _round(value: float) -> float:

@@ -158,7 +158,7 @@ def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Float
         if name not in attributes:
             several = f"primitive {number} of " if len(stored) > 1 else ""
             raise BakeError(
-                f"{several}the mesh of {ground.rig.names[ground.rig.node]} has no {name}; it has {listed(attributes)}",
+                f"{several}the mesh of {ground.rig.node_name} has no {name}; it has {listed(attributes)}",
                 where=where,
             )
         user = document.where("meshes", ground.rig.mesh, "primitives", number)

@@ -74,7 +74,7 @@ class Poses:
         moving = {node for joint in joints.tolist() for node in self.rig.upwards(int(self.rig.joints[joint]))}
         clips = [clip for clip in self.clips if not clip.nodes.isdisjoint(moving)]
         count = 1 + _POSES * len(clips)
-        what, where = f"{count:,} poses of {len(joints):,} joints", self.rig.names[self.rig.node]
+        what, where = f"{count:,} poses of {len(joints):,} joints", self.rig.node_name
         self.memory.check(_MATRIX_BYTES * count * len(joints), what, where=where)
         poses = np.zeros((count, len(joints), 4, 4))
         poses[:1] = joint_matrices(self.rig, None, np.zeros(1), joints)

@@ -278,7 +278,7 @@ def refine(
         near=members,
         scheme="midpoint" if settings.scheme == "midpoint" else "butterfly",
         hard=hard.vertices if settings.scheme == "butterfly" else None,
-        where=rig.names[rig.node],
+        where=rig.node_name,
     )
     blended = subdivision.interpolate_new(rest.blended.reshape(-1, 12)).reshape(-1, 3, 4)
     placed = rounded(

@@ -229,7 +229,7 @@ def read_hints(
     The names of animals count if it is an `animal`.
     """
     mesh = document.items("meshes")[rig.mesh]
-    names = [name for name in (mesh.get("name"), rig.names[rig.node]) if isinstance(name, str)]
+    names = [name for name in (mesh.get("name"), rig.node_name) if isinstance(name, str)]
     node, materials, wanted = named(names, "the mesh", animal=animal), document.items("materials"), asked or {}
     found = []
     for primitive in mesh["primitives"]:

@@ -203,7 +203,7 @@ def _texture_of(document: Document, material: int | None) -> tuple[int, _Transfo
 
 def _name_of(document: Document, material: int | None, plan: MeshPlan) -> str:
     named = document.items("materials")[material].get("name") if material is not None else None
-    return str(named or plan.rig.names[plan.rig.node])
+    return str(named or plan.rig.node_name)
 
 
 def mikk_tangents(positions: Floats, normals: Floats, uvs: Floats, triangles: Ints) -> Floats:

@@ -215,7 +215,7 @@ def make_maps(
             how = SamplingOptions(job.settings.sampling.fps, "morph", job.document.memory, progress)
             effects, _ = sample_effects(plan, [], how)
             drives = drives_json(job.document.gltf, plan, effects)
-            nodes.append({"node": plan.rig.names[plan.rig.node], "wrinkle": drives})
+            nodes.append({"node": plan.rig.node_name, "wrinkle": drives})
             warnings += _nameless(job.document, plan, effects)
             shown: dict[int | None, list[Shown]] = {}
             # One after another, as the finely refined meshes of all tools at once would take the memory of all.
@@ -233,7 +233,7 @@ def make_maps(
                     for number, each in enumerate(made, start=1)
                 ]
                 if sets:
-                    described = {"name": name, "material": layout.material, "node": plan.rig.names[plan.rig.node]}
+                    described = {"name": name, "material": layout.material, "node": plan.rig.node_name}
                     materials.append({**described, "texCoord": layout.texcoord, **layout.transform_json, "sets": sets})
         if not materials:
             raise BakeError("no map can be made: no texel lies under its wrinkles", where=job.document.path)

@@ -270,7 +270,7 @@ class Fold:
         for positions in self.posed(clip, chosen)[0]:
             found |= self._crossing_themselves(owners, positions)
         found -= self._crossing_themselves(owners, self.rest_positions) | {0}
-        return {rig.names[rig.node] for rig in (self.others[number - 1].rig for number in found)}
+        return {rig.node_name for rig in (self.others[number - 1].rig for number in found)}
 
     def _crossing_themselves(self, owners: Ints, positions: Floats) -> set[int]:
         """The (vertices,) owners that cross themselves at (vertices, 3) positions."""
@@ -407,7 +407,7 @@ def _between(fold: Fold, near: Bools, seeds: Ints) -> Fold:
     local = local.reshape(-1, 3)
     pieces = components(local[:, [0, 1, 1, 2]].reshape(-1, 2), len(vertices))
     own = np.isin(pieces, distinct_values(pieces[np.isin(vertices, seeds)]))
-    if fold.rig.names[fold.rig.node] in fold.ignored:
+    if fold.rig.node_name in fold.ignored:
         local = (np.cumsum(own) - 1)[local[own[local[:, 0]]]]
         vertices, own = vertices[own], own[own]
     others = fold.triangles[fold.triangles[:, 0] >= count] + (len(vertices) - count)

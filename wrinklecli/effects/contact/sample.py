@@ -79,7 +79,7 @@ def resolve_folds(
     with one_thread():
         systems = _systems(folds, clips)
         at_once = max(1, min(how.jobs, len(systems)))
-        _refuse_large(systems, clips, how, at_once, where=plan.rig.names[plan.rig.node])
+        _refuse_large(systems, clips, how, at_once, where=plan.rig.node_name)
         kept = _KEPT * how.memory.left / at_once
         chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
         for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):

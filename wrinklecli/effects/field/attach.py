@@ -119,7 +119,7 @@ def attach_fields(fields: Sequence[Field], ground: Ground) -> list[AttachedField
 
 def _attach(tool: Field, ground: Ground) -> AttachedField:
     surface, rest = ground.surface, ground.rest
-    where, name = tool.where, ground.rig.names[ground.rig.node]
+    where, name = tool.where, ground.rig.node_name
     if not ground.rig.skinned:
         raise BakeError(f"{name} has no skin: a field needs joints that fold it", where=where)
     members = np.flatnonzero(solid(rest.positions, surface.triangles, face_normals(rest.positions, surface.triangles)))
@@ -242,7 +242,7 @@ def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Ave
     Raises:
         BakeError: Nothing is left.
     """
-    surface, name = ground.surface, ground.rig.names[ground.rig.node]
+    surface, name = ground.surface, ground.rig.node_name
     found = np.ones(len(sheet.positions))
     if tool.stops == "features":
         bent = bends(surface, ground.rest.bind_positions)
@@ -282,7 +282,7 @@ def _of_substance(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave
     if not found.any():
         there = listed(SUBSTANCES[kind] for kind in np.unique(kinds).tolist())
         raise BakeError(
-            f"nothing of {ground.rig.names[ground.rig.node]} looks like {' or '.join(tool.substance)}: it is {there}",
+            f"nothing of {ground.rig.node_name} looks like {' or '.join(tool.substance)}: it is {there}",
             where=tool.place("substance"),
         )
     return found

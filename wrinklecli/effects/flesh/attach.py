@@ -219,7 +219,7 @@ def _attach_over(tool: Flesh, skin: Ground, ground: Ground, settings: ToolsFile)
     away = np.sqrt(((rest.positions[around] - places) ** 2).sum(axis=1))
     follows = (shares * region.follows[corners]).sum(axis=1)
     follows *= 1.0 - smoothstep(np.clip(away / reach - 1.0, 0.0, 1.0))
-    names = (*tool.meshes, skin.rig.names[skin.rig.node])
+    names = (*tool.meshes, skin.rig.node_name)
     along = {node for node, name in enumerate(ground.rig.names) if name in names}
     contacts = contacts_of(ground.neighbours, ground.rig, ground.surface, rest.positions, along).held
     follows *= _fading(ground, contacts, around, _SEAM * place.radius)

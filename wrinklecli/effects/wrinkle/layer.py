@@ -209,7 +209,7 @@ class WrinkleLayer:
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """Tools at one place, and tools under which the refined surface departs from the old one."""
-        twins = twin_warnings(self.carried_patches, clips, where=plan.rig.names[plan.rig.node])
+        twins = twin_warnings(self.carried_patches, clips, where=plan.rig.node_name)
         return twins + departure_warnings(plan.fine, self.parts)
 
 

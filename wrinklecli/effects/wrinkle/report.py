@@ -23,7 +23,7 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
     patch, fine = carried.patch, plan.fine
     return {
         "name": patch.tool.name,
-        "node": plan.rig.names[plan.rig.node],
+        "node": plan.rig.node_name,
         "rest_length": patch.rest_length,
         "anchor_distances": [anchor.distance for anchor in patch.anchors],
         "moved_vertices": len(carried.vertices),
@@ -78,7 +78,7 @@ def describe_place(plan: MeshPlan, carried: CarriedPatch, region: int, up: str) 
     members = np.unique(fine.triangles[children(fine.subdivision.parents, patch.members)])
     return {
         "name": patch.tool.name,
-        "node": plan.rig.names[plan.rig.node],
+        "node": plan.rig.node_name,
         "where": patch.tool.where,
         "origin": _describe_anchor(plan, patch.origin, up),
         **({"between": [_describe_anchor(plan, each, up) for each in patch.anchors[1:-1]]} if between else {}),

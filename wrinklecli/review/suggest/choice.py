@@ -104,7 +104,7 @@ def choose_candidates(
     left_out: dict[str, list[str]] = {}
     for each in _judged(document, candidates, options, pictures):
         assert each.substance is not None
-        where = each.mesh.rig.names[each.mesh.rig.node]
+        where = each.mesh.rig.node_name
         if each.fault and not options.everything:
             left_out.setdefault(each.fault, []).append(where)
             if each.substance.kind == "hard":

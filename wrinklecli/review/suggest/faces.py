@@ -105,7 +105,7 @@ def suggest_face(document: Document, nodes: Mapping[int, str | None], clips: Seq
         return FaceTools((), (), (), f"no mesh has morph targets of a face: {VOCABULARIES}")
     # Of several meshes with the same targets, such as teeth and lashes, the skin has the most to move.
     rig, name, targets = max(named, key=lambda each: _moved_count(document, each[0], each[2]))
-    where = rig.names[rig.node]
+    where = rig.node_name
     face = read_face(document, rig, targets, name)
     if face is None:
         return FaceTools((), (), (), f"{where}: its morph targets tell neither eyes nor brows, or move no skin")

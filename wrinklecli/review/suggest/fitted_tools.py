@@ -290,7 +290,7 @@ def suggestion_of(
         **known,
         tool=tools[0],
         mirrored=len(tools) == 2,
-        mesh=mesh.rig.names[mesh.rig.node],
+        mesh=mesh.rig.node_name,
         clip=best.clip.name,
         time=best.time,
         span=patches[0].span,

@@ -167,7 +167,7 @@ def _garment(
     if share < _SOME:
         return None
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
-    stem = _name_of([rig.names[rig.node], str(document.items("meshes")[rig.mesh].get("name", ""))])
+    stem = _name_of([rig.node_name, str(document.items("meshes")[rig.mesh].get("name", ""))])
     values = {
         "name": numbered(stem, taken) if stem in taken else stem,
         "node": mesh.node,
@@ -232,7 +232,7 @@ def suggest_fields(
     fitting = list[_Draft]()
     for made in drafts:
         if made.gpu_bytes > budget:
-            where = made.garment.mesh.rig.names[made.garment.mesh.rig.node]
+            where = made.garment.mesh.rig.node_name
             dropped.append(Dropped.costly(made.garment.field.name, where, made.gpu_bytes))
         else:
             budget -= made.gpu_bytes
@@ -264,7 +264,7 @@ def _drafts(asset: TriedAsset, garments: Sequence[Garment]) -> "tuple[list[_Draf
         try:
             drafts.append(_Draft.of(asset, each))
         except WrinkleError as error:
-            where = each.mesh.rig.names[each.mesh.rig.node]
+            where = each.mesh.rig.node_name
             dropped.append(Dropped(each.field.name, where, "refused", 0.0, error.lines[0]))
     return drafts, dropped
 
@@ -305,7 +305,7 @@ def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> Suggeste
     It is looked at before a bake lowers it where it turns triangles over, which takes longest and always succeeds.
     """
     field, plan = draft.garment.field, draft.refined
-    where = plan.rig.names[plan.rig.node]
+    where = plan.rig.node_name
     dropped = partial(Dropped, field.name, where)
     try:
         part = sketch(draft.attached, 0, plan.fine, np.zeros(0, np.bool_))

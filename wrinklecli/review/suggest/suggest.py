@@ -196,7 +196,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
         progress=progress,
     )
     found.dropped[:0] = unfit
-    rigid = {mesh.rig.names[mesh.rig.node]: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
+    rigid = {mesh.rig.node_name: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
     hard = [*(f"{name} is rigid" for name in rigid), *hard]
     if candidates and not chosen:
         reason = _joined([*hard, "what its motions fold is left out, as the notes say"])
