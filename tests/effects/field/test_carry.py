@@ -85,6 +85,23 @@ def test_waves_are_level_with_their_mean_where_they_fork(fabric: object) -> None
     assert made[-1] == pytest.approx(fabric.wave(np.cos(angles)))
 
 
+def test_a_field_is_level_where_its_lines_turn_at_once() -> None:
+    """No direction is right there, as at a fork."""
+    plan = plan_of({"name": "folds", "variation": 0})
+    (field,) = layer_of(plan).attached
+    free = np.ones(len(plan.fine.positions))
+    lengthways = np.tile([-1.0, 0, 0, 0, 0, 0], (len(field.directions), 1))
+    moved = []
+    for directions in (lengthways, np.tile([-1.0, -1.0, -1.0, 0, 0, 0], (len(field.directions), 1))):
+        found = carry.displaced(replace(field, directions=directions), plan.fine, free)
+        radial = plan.fine.rest_positions * [0.0, 1.0, 1.0]
+        moved.append(np.sum(found.deltas[0] * radial, axis=1) / np.linalg.norm(radial, axis=1))
+    waves, level = moved
+    assert waves.min() < -0.1 * waves.max()
+    assert level.min() >= -1e-9
+    assert 0.0 < level.max() < 0.9 * waves.max()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [{"angle": 120.0}, {"angle": 110.0, "joints": 3}], ids=["one", "two"])
 def test_a_field_turns_no_triangle_over_that_the_skin_does_not(options: Json) -> None:

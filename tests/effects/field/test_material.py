@@ -9,7 +9,7 @@ from kit.garments import plane
 from kit.places import ROOT
 from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.effects.field.material import FABRICS, Fabric
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, smoothstep
 from wrinklecli.tools.fields import OF_MATERIALS
 
 EACH = pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))
@@ -68,6 +68,20 @@ def test_crests_differ_from_their_neighbours_more_than_along_them() -> None:
         for numbers in (longer, higher):
             across, along = (np.abs(np.diff(numbers.reshape(81, 81), axis=axis)).mean() for axis in (0, 1))
             assert 0.9 * across > along > 0.3 * across
+
+
+def test_crests_go_on_where_lines_turn_at_once() -> None:
+    """A step of their numbers there would be seen as a dent."""
+    positions = plane(1.0, 0.5, 80)[0]
+    part = smoothstep(np.clip((positions[:, 0] - 0.4) / 0.2, 0.0, 1.0))[:, None]
+    directions = -((1.0 - part) * [1.0, 0, 0, 0, 0, 0] + part * [0, 1.0, 0, 0, 0, 0])
+    normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
+    lines, *numbers, agreed = Irregular(0.1, 0.15, "a").crests(positions, normals, directions)
+    assert agreed.reshape(81, 41)[[0, 40, 80], 0] == pytest.approx([1.0, 0.0, 1.0], abs=1e-6)
+    assert np.abs(np.diff(lines.reshape(81, 41, 3)[[39, 41], 0], axis=0)).max() > 0.5
+    for each in numbers:
+        steps = np.abs(np.diff(each.reshape(81, 41), axis=0)).max(axis=1)
+        assert steps[38:42].max() <= 1.2 * steps.max(initial=0.0, where=np.abs(np.arange(80) - 40) > 4)
 
 
 def _lines(positions: Floats) -> Floats:

@@ -63,7 +63,7 @@ class AttachedField(Attached[Field]):
         wavelength: From crest to crest at rest, scene units.
         sweeps: The poses in which it was measured.
         factors: Half heights by shapes on the coarse surface.
-        directions: (vertices, 6) tensors, whose least direction crests run across.
+        directions: (vertices, 6) those of `Heights`: crests run across the least.
         wavelengths: (vertices,) those of places, scene units.
         irregular: How its crests differ.
         regions: The part of the surface.

@@ -106,11 +106,11 @@ def _waves(
         sheet: The refined surface at rest.
         average: Over `NEAR` of it.
         normals: (vertices, 3) of it.
-        values: (vertices, 7) directions as tensors, and wavelengths.
+        values: (vertices, 7) directions of `Heights`, and wavelengths.
         shares: (vertices,) parts of the greatest height.
     """
     fabric, places, seed = attached.fabric, sheet.positions, attached.irregular.seed
-    lines, longer, higher = attached.irregular.crests(places, normals, values[:, :6])
+    lines, longer, higher, agreed = attached.irregular.crests(places, normals, values[:, :6])
     wavelengths = values[:, 6] * longer
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
     # One broad fold where sides are too long for more, and none where even it would become knobs.
@@ -118,6 +118,8 @@ def _waves(
     sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths * broader)
     shown = np.clip(average.of(np.clip(2.0 - _lengths(sides, sheet), 0.0, 1.0)), 0.0, 1.0)
     psi = phases(sides, places, sheet.triangles, np.clip(shares, 0.0, 1.0), attached.wavelength, seed=seed)
+    # No direction is right where lines turn at once.
+    psi *= agreed[:, None]
     uneven = shown / broader * higher
     heights = uneven * _height(fabric, psi)
     middles = uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))

@@ -26,6 +26,7 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
+from wrinklecli.surface.strain import product
 
 # Lengths of averages, in wavelengths: of limits, a part of a wave; of strain, which folds even out over about a wave;
 # and that over which folds go on beyond the compression that makes them, and taper.
@@ -57,8 +58,8 @@ class Heights:
 
     Attributes:
         heights: (poses, vertices) scene units, at rest.
-        directions: (vertices, 6) the strains of all poses, weighted by their heights: the surface's wrinkles run across
-            the direction that is shortened most.
+        directions: (vertices, 6) minus the mean, over a wave, of the products with itself of the unit direction that is
+            shortened most in all poses, weighted by their heights: the surface's wrinkles run across it.
     """
 
     heights: Floats
@@ -109,8 +110,8 @@ def measure(
         taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
-    directions = beyond.of(total)
-    _, lines, _ = shortest(directions, normals)
+    least, lines, across = shortest(beyond.of(total), normals)
+    directions = -wave.of(product(lines, lines) * (least < across)[:, None])
     raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
     every, level = np.arange(len(sheet.triangles)), np.zeros(len(sheet.positions))
     still = surface.shown(rest.matrices, every, raising, (level, level + 1.0))

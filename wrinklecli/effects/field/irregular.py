@@ -36,23 +36,25 @@ class Irregular:
     variation: float
     seed: str
 
-    def crests(self, positions: Floats, normals: Floats, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Draw the crests at (vertices, 3) places at rest with unit normals, and (vertices, 6) tensors of strain.
+    def crests(self, positions: Floats, normals: Floats, directions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Draw the crests at (vertices, 3) places at rest with unit normals, and (vertices, 6) `Heights.directions`.
 
         Returns:
-            (vertices, 3) unit lines across the crests, without signs; and (vertices,) factors of the wavelength and of
-            the height.
+            (vertices, 3) unit lines across the crests, without signs; (vertices,) factors of the wavelength and of the
+            height; and (vertices,) how much lines agree, from 0, where they turn at once, to 1.
         """
-        _, lines, _ = shortest(directions, normals)
-        return self.turned(lines, normals, positions), *self.varied(positions, lines)
+        least, lines, across = shortest(directions, normals)
+        agreed = np.clip((across - least) / np.maximum(-across - least, _TINY), 0.0, 1.0)
+        return self.turned(lines, normals, positions), *self.varied(positions, lines, agreed), agreed
 
-    def varied(self, positions: Floats, lines: Floats) -> tuple[Floats, Floats]:
+    def varied(self, positions: Floats, lines: Floats, agreed: Floats | float = 1.0) -> tuple[Floats, Floats]:
         """(vertices,) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
         Wide crests are the high ones. The mean square of the heights is 1, so the surface keeps its length.
-        (vertices, 3) `lines` are unit directions across the crests, without signs.
+        (vertices, 3) `lines` are unit directions across the crests, without signs. (vertices,) `agreed` say how much
+        they agree with those beside them: where lines turn at once, numbers do not.
         """
-        drawn_here = self.variation * self._smooth(positions, lines, "crests")
+        drawn_here = self.variation * self._smooth(positions, lines, "crests", agreed)
         return np.exp(_LENGTHS * drawn_here), np.sqrt(1.0 + np.tanh(_HEIGHTS * drawn_here))
 
     def turned(self, lines: Floats, normals: Floats, positions: Floats) -> Floats:
@@ -61,10 +63,11 @@ class Irregular:
         angles = _TURNS * self.variation * self._smooth(positions, crests, "turns")
         return np.asarray(np.cos(angles)[:, None] * lines + np.sin(angles)[:, None] * crests)
 
-    def _smooth(self, positions: Floats, along: Floats, what: str) -> Floats:
+    def _smooth(self, positions: Floats, along: Floats, what: str, agreed: Floats | float = 1.0) -> Floats:
         """(vertices,) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is.
 
-        They differ most in the direction of (vertices, 3) unit vectors without signs.
+        They differ most in the direction of (vertices, 3) unit vectors without signs, and alike in all where none of
+        these `agreed`.
         """
         what = f"{what} {self.seed}"
         ways = drawn(what, "ways", _WAVES, 3)
@@ -73,6 +76,7 @@ class Irregular:
         phases = np.pi * drawn(what, "phases", _WAVES)
         # A place without a direction has numbers too. With a higher power of the cosine, crests stay alike from end to
         # end, and those of one patch are bars of one length.
-        parts = (along @ ways.T) ** 2 + _TINY
+        agreed = np.reshape(agreed, (-1, 1))
+        parts = agreed * (along @ ways.T) ** 2 + (1.0 - agreed) / 3.0 + _TINY
         waves = parts * np.cos(2.0 * np.pi * (positions @ (ways / lengths[:, None]).T) + phases)
         return np.asarray(np.sqrt(2.0) * waves.sum(axis=1) / np.linalg.norm(parts, axis=1))

@@ -31,7 +31,7 @@ class FieldRegion(SmoothRegion):
         pose: The surface at rest.
         height: Greatest displacement, scene units.
         shares: (vertices,) parts of it in any pose.
-        directions: (vertices, 6) tensors, whose least direction crests run across.
+        directions: (vertices, 6) those of `Heights`: crests run across the least.
         wavelengths: (vertices,) those of places at rest, scene units.
         irregular: How crests differ.
         tree: Finds nearest points on the members.
@@ -91,7 +91,7 @@ class FieldRegion(SmoothRegion):
             places, normals, directions, heights, wavelengths = np.split(
                 mesh.of_vertices(used, coarse), [3, 6, 12, 13], axis=1
             )
-            lines, longer, higher = self.irregular.crests(places, unit(normals), directions)
+            lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions)
             steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
             way = places[at[:, 1]] - places[at[:, 0]]
             # The part across the crests, and a share of the whole.

@@ -117,8 +117,8 @@ def _within(ways: Floats, normals: Floats, lines: Floats) -> Floats:
 def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wavelength: float, *, seed: str) -> Floats:
     """(vertices, 2) real and imaginary parts of ψ, averaged along the crests.
 
-    A fold is longer than it is wide. So ψ is about 1 long where crests run on, and short at forks and ends, where they
-    are dashes, and where no direction is right as lines turn at once.
+    A fold is longer than it is wide. So ψ is about 1 long where crests run on, and short at forks and ends, and where
+    they are dashes.
 
     Args:
         sides: The sides of the triangles.
