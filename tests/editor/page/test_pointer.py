@@ -1,7 +1,6 @@
 """The mouse on the mesh: a tool comes of two clicks, and no click, drag or typed value takes a tool away."""
 
 import html
-import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from kit.touch import GRIP, PAD, plate, touch
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
 from wrinklecli.editor.page.viewpoints import clear_time
+from wrinklecli.editor.page.widgets import BAD
 from wrinklecli.editor.session import Session
 from wrinklecli.errors import ConfigError, WrinkleError
 
@@ -79,7 +79,7 @@ def drag(page: Page, number: int, *xs: float, below: bool = False) -> str:
 
 
 def said(page: Page) -> str:
-    return html.unescape(re.sub("<br>", "\n", re.sub("<(?!br>)[^>]*>", "", page._said)))
+    return page._said[0]
 
 
 def tools_of(page: Page) -> dict[str, Any]:
@@ -94,6 +94,17 @@ def test_nothing_is_said_of_warnings_before_the_check(page: Page) -> None:
     page._warn()
     page.work._asked.pop("warned")()
     assert "checking" not in page._found
+
+
+def test_a_message_repeats_no_warning_that_stands_below_it(page: Page) -> None:
+    page._warnings = {"a": ["a: it is wide & low"]}
+    page.refresh()
+    page.say("a.glb: 1 tool\na: it is wide & low\nb: it is high")
+    shown = html.unescape(page._message.content)
+    assert [shown.count(each) for each in ("a.glb: 1 tool", "it is wide & low", "b: it is high")] == [1, 1, 1]
+    page._warnings = {}
+    page.say("")
+    page.refresh()
 
 
 @pytest.mark.quick(1)
@@ -230,7 +241,7 @@ def test_a_value_that_is_refused_leaves_the_tool(page: Page, steps: tuple[str, .
         page._changed(steps, value, mode)  # type: ignore[arg-type]
         do(page, page.work._asked.pop(("set", steps)))
         do(page, page.commit)
-        assert page._said.count("#c92a2a") == 1
+        assert page._said[1] == BAD
         assert page.session.text == TOOLS
         assert page.chosen == "a"
         assert page.session.tools()[0].problem is None

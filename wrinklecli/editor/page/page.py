@@ -113,7 +113,8 @@ class Page:
         self._moves: dict[str, float] = {}  # greatest moves of the skin over the length, by name
         # The text that was last checked, and what is said where there are no warnings.
         self._checked, self._verdict = "", _CHECKING
-        self._said = self._found = ""  # HTML of the message, and of the problems below it
+        self._said = "", GOOD  # the message and its colour
+        self._found = ""  # HTML of the problems below the message
         self._build(heat=heat)
         self.refresh()
         self._viewport.look_at_all()
@@ -229,12 +230,15 @@ class Page:
 
     def say(self, text: str, colour: str = GOOD) -> None:
         """Show a message in the corner of the view, or remove it."""
-        self._said = paragraph_of(text, colour) if text else ""
+        self._said = text, colour
         self.show_messages()
 
     def show_messages(self) -> None:
-        """Show the message, the problems below it, and the legend of the view."""
-        show_changed(self._message, "content", over_view(self._said + self._found + self._viewport.legend))
+        """Show the message, the problems below it, which it does not repeat, and the legend of the view."""
+        text, colour = self._said
+        text = "\n".join(line for line in text.splitlines() if paragraph_of(line, _WARNING) not in self._found)
+        said = paragraph_of(text, colour) if text else ""
+        show_changed(self._message, "content", over_view(said + self._found + self._viewport.legend))
 
     def _fail(self, error: BaseException) -> None:
         """Show an error; the page goes on."""
