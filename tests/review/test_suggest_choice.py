@@ -144,7 +144,7 @@ def test_what_is_under_another_mesh_where_it_folds_is_left_out(tmp_path: Path) -
     found = suggested(tmp_path, sleeved(1.1))
     assert not found.tools
     assert [each.field.node for each in found.fields] == ["sleeve"]
-    assert {(each.mesh, each.reason) for each in found.dropped} <= {("limb", "hidden"), ("limb", "unseen")}
+    assert {(each.mesh, each.reason) for each in found.dropped} <= {("limb", "hidden"), ("limb", "hardly seen")}
     assert {each.tool.node for each in suggest(tmp_path / "asset.glb", everything=True).tools} == {"limb"}
 
 
@@ -290,7 +290,7 @@ def test_the_inner_side_of_a_tube_that_tapers_is_left_out(tmp_path: Path) -> Non
     asset.gltf["meshes"][0]["primitives"] = [{"attributes": inner, "indices": asset.accessor(triangles.ravel(), "u2")}]
     found = suggested(tmp_path, asset)
     assert not found.tools
-    assert any("unseen" in note or "hidden" in note for note in found.notes)
+    assert any("hardly seen" in note or "hidden" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tm
     [
         (dressed(limb_asset(**SIZE), pbrMetallicRoughness={"baseColorFactor": [0.1, 0.2, 0.6, 1]}), "a plain colour"),
         (named(dressed(limb_asset(**SIZE), name="Jeans"), "LeftFoot", "LeftToes"), "a shoe"),
-        (dressed(limb_asset(**SIZE, normals=False), name="Jeans"), "facets"),
+        (dressed(limb_asset(**SIZE, normals=False), name="Jeans"), "faceted"),
         (dressed(limb_asset(**SIZE), name="Steel"), "metal"),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
@@ -186,7 +186,7 @@ def test_what_is_no_garment_gets_no_field(tmp_path: Path, asset: Asset, why: str
 def test_a_garment_of_facets_gets_neither_a_field_nor_tools(tmp_path: Path) -> None:
     found = suggest(dressed(limb_asset(**SIZE, normals=False), name="Jeans").write(tmp_path / "limb.glb"))
     assert not found.text
-    assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused"), ("joint_1", "facets")]
+    assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused"), ("joint_1", "faceted")]
     assert "is faceted" in found.dropped[0].line
 
 

@@ -239,14 +239,14 @@ def test_nothing_is_worth_it_on_a_real_fox_of_facets() -> None:
     found = suggest(in_assets("fox.glb"), materials={"fox": "skin"})
     assert not found.tools
     assert found.reason == "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand"
-    assert {each.reason for each in found.dropped} == {"facets"}
+    assert {each.reason for each in found.dropped} == {"faceted"}
 
 
 @pytest.mark.slow
 def test_nothing_is_worth_it_on_a_real_strip_of_facets() -> None:
     found = suggest_once(in_assets("simple_skin.gltf"))
     assert not found.tools
-    assert {each.reason for each in found.dropped} == {"facets"}
+    assert {each.reason for each in found.dropped} == {"faceted"}
 
 
 @pytest.mark.slow

@@ -59,9 +59,9 @@ def reasons(found: Worthwhile) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(
     ("reason", "profiles", "tool"),
     [
-        ("unseen", [FLAT], suggestion(height=0.3)),
-        ("unseen", [FLAT, ROOF], suggestion(height=2.0)),
-        ("unseen", [FLAT, line(-0.5, 0.5, 0.02)], suggestion(height=2.0)),
+        ("hardly seen", [FLAT], suggestion(height=0.3)),
+        ("hardly seen", [FLAT, ROOF], suggestion(height=2.0)),
+        ("hardly seen", [FLAT, line(-0.5, 0.5, 0.02)], suggestion(height=2.0)),
         ("not raised", [FLAT], replace(suggestion(), time=0.0)),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
@@ -103,7 +103,7 @@ def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> Non
     flat = suggestion("flat", start=-0.4, stop=-0.05, height=0.2)
     tall, taller = (suggestion(name, start=0.05, stop=0.4, height=8.0) for name in ("tall", "taller"))
     found = judged(path, flat, tall, taller, count=1)
-    assert reasons(found) == [("flat", "unseen")]
+    assert reasons(found) == [("flat", "hardly seen")]
     assert [each.tool.name for each in found.tools] == ["tall"]
 
 
@@ -128,7 +128,7 @@ def test_facets_leave_a_tool_out_and_the_command_says_why(tmp_path: Path) -> Non
     assert result.exit_code == 1
     (dropped,) = json.loads(result.stdout)["dropped"]
     assert list(dropped) == ["name", "reason", "value"]
-    assert (dropped["name"], dropped["reason"]) == ("joint_1", "facets")
+    assert (dropped["name"], dropped["reason"]) == ("joint_1", "faceted")
     assert dropped["value"] < 0.5
     assert "left out joint_1: it lies on facets: " in result.stderr
     assert "left out joint_1" not in run(flat).stderr

@@ -133,7 +133,7 @@ class Substance:
     @property
     def fault(self) -> str:
         """The reason why hard parts get no tool, as a user reads it."""
-        return f"{'fur' if self.stiff == 'fur' else 'hard'}, {self.why}"
+        return f"it is {'fur' if self.stiff == 'fur' else 'hard'}, {self.why}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,8 +52,8 @@ _FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "upper leg",
 def why_unfolded(name: str, *, limb: bool) -> str:
     """Say why an artist wrinkles nothing where a joint or a morph target moves; empty if not."""
     if _SLIDING.search(words_of(name)):
-        return "where something slides or swells, such as lips, lids, ears and hair"
-    return "" if limb else "where no limb folds, as one does at an elbow or a knee"
+        return "something slides or swells there, such as lips, lids, ears and hair"
+    return "" if limb else "no limb folds there, as one does at an elbow or a knee"
 
 
 def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
@@ -119,7 +119,7 @@ def choose_candidates(
         alike.setdefault("; ".join(substance.words for substance in kinds.values()), []).append(where)
     lines = [f"{listed(meshes)}: {words}" for words, meshes in alike.items()]
     lines += [
-        f"{listed(dict.fromkeys(meshes))}: left out {counted(len(meshes), 'fold')}: {why}; --all takes all"
+        f"{listed(dict.fromkeys(meshes))}: left out {counted(len(meshes), 'fold')}, as {why}; --all takes all"
         for why, meshes in left_out.items()
     ]
     return chosen, [*dict.fromkeys(pictures.notes), *lines], [*hard]
@@ -166,7 +166,7 @@ def _judged(
         limb = each.by_morph or animal or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
-            fault = "at a rim, such as of lips or lids"
+            fault = "it is a rim, such as of lips or lids"
         yield replace(each, part=part, place=place, substance=substance, presets=known, fault=fault)
 
 

@@ -49,9 +49,9 @@ def mean_of(several: Sequence[Merits]) -> Merits:
 
 REASONS = {
     "seen": ("hidden", "other parts hide it: {} of its wrinkles can be seen from the best side"),
-    "crests": ("unseen", "its crests are hardly seen: they are {} of what changes the light"),
-    "smooth": ("facets", "it lies on facets: {} of the edges there are smooth"),
-    "closed": ("open", "no fold closes there: {}, where a flat place has 50 % and a shut fold 100 %"),
+    "crests": ("hardly seen", "its crests are hardly seen: they are {} of what changes the light"),
+    "smooth": ("faceted", "it lies on facets: {} of the edges there are smooth"),
+    "closed": ("hardly folded", "it hardly folds: {} shut, where flat is 50 % and a closed fold 100 %"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
