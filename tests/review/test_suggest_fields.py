@@ -14,8 +14,10 @@ from kit.samples import sample
 from kit.suggested import in_assets, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.garments import _name_of
+from wrinklecli.review.suggest.garments import SuggestedField, _name_of, suggest_fields
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
+from wrinklecli.review.suggest.worth import Dropped, Worthwhile
+from wrinklecli.tools.fields import Field
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RefinementSettings
 
@@ -70,8 +72,8 @@ def test_a_garment_gets_a_field_and_no_tools(jeans: tuple[Path, Suggestions], tm
 def test_a_garment_of_long_triangles_is_refined_as_finely_as_its_field_asks(tmp_path: Path) -> None:
     path = dressed(limb_asset(rings=5, sides=12, angle=60.0), name="Jeans").write(tmp_path / "limb.glb")
     found = suggest(path)
-    (each,) = found.fields
-    assert parse_tools(found.text).refinement.max_levels == each.levels > RefinementSettings().max_levels
+    assert found.fields
+    assert parse_tools(found.text).refinement.max_levels > RefinementSettings().max_levels
     (tmp_path / "tools.yaml").write_text(found.text)
     assert not check(path, tmp_path / "tools.yaml").warnings
 
@@ -188,6 +190,23 @@ def test_a_garment_of_facets_gets_neither_a_field_nor_tools(tmp_path: Path) -> N
     assert not found.text
     assert [(each.name, each.reason) for each in found.dropped] == [("clothes", "refused"), ("joint_1", "faceted")]
     assert "is faceted" in found.dropped[0].line
+
+
+def test_left_and_right_garments_are_left_out_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    def field(name: str, mesh: str) -> SuggestedField:
+        return SuggestedField(field=Field(name=name), mesh=mesh, why="all of it looks like cloth")
+
+    left, coat = field("sleeve", "Arm.L"), field("coat", "Body")
+    hidden = Dropped("sleeve_2", "Arm.R", "hidden", 0.2)
+    found = Worthwhile([left, coat], RefinementSettings(), [hidden])
+    monkeypatch.setattr(f"{suggest_fields.__module__}.worthwhile", lambda *_, **__: found)
+    anything: Any = None
+    given = suggest_fields(anything, [], [], 1.0, lambda *_: None, everything=False)
+    assert given.kept == [coat]
+    assert [(each.name, each.mesh, each.reason) for each in given.dropped] == [
+        ("sleeve_2", "Arm.R", "hidden"),
+        ("sleeve", "Arm.L", "hidden"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -72,5 +72,5 @@ def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> N
     both = [suggestion(0.4, 0.3, 0.0), suggestion(0.02, 0.05, 0.0, "short")]
     tried = TriedAsset(document, read_clips(document))
     found = worthwhile(tried, both, FACETED, count=2, everything=True)
-    assert [each.tool.name for each in found.tools] == ["fold"]
+    assert [each.tool.name for each in found.kept] == ["fold"]
     assert [(each.name, each.reason) for each in found.dropped] == [("short", "coarse")]

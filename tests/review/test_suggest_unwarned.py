@@ -67,10 +67,10 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
 
     found = tried(replace(best.tool, compressible=0.0, max_height="auto"))
     assert found.dropped == []
-    assert found.tools[0].tool.compressible > 0.3
+    assert found.kept[0].tool.compressible > 0.3
     # ... and what no key mends is left out, with the line of `check`.
     found = tried(replace(best.tool, width=Length(11.0 * best.span)))
-    assert found.tools == []
+    assert found.kept == []
     (dropped,) = found.dropped
     assert (dropped.name, dropped.reason) == (best.tool.name, "warned")
     assert "its width of" in dropped.line
@@ -85,7 +85,7 @@ def test_what_fits_a_place_is_tried_one_after_another() -> None:
     heights = []
     while found is not None:
         heights.append(found.tool.max_height)
-        found = found.next
+        found = found.mended(0.0)
     assert heights == [Length(height) for height in (0.4, 0.3, 0.2, 0.1)]
 
 

@@ -71,17 +71,17 @@ def test_what_is_not_worth_it_is_left_out_for_its_reason(
 ) -> None:
     path = sheet(tmp_path / "a.glb", *profiles)
     found = judged(path, tool)
-    assert not found.tools
+    assert not found.kept
     assert reasons(found) == [("fold", reason)]
     (summary,) = found.summary
     assert summary == f"'sheet': left out 1 tool not worth it: 1 {reason}; -v says more"
-    assert [each.tool for each in judged(path, tool, everything=True).tools] == [tool.tool]
+    assert [each.tool for each in judged(path, tool, everything=True).kept] == [tool.tool]
 
 
 def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:
     """A layer under the wrinkles hides nothing and is not crossed."""
     found = judged(sheet(tmp_path / "a.glb", FLAT, line(-0.5, 0.5, -0.3)), suggestion())
-    assert [each.tool for each in found.tools] == [suggestion().tool]
+    assert [each.tool for each in found.kept] == [suggestion().tool]
     assert not found.dropped
     assert not found.summary
 
@@ -104,14 +104,14 @@ def test_the_next_best_take_the_place_of_what_is_left_out(tmp_path: Path) -> Non
     tall, taller = (suggestion(name, start=0.05, stop=0.4, height=8.0) for name in ("tall", "taller"))
     found = judged(path, flat, tall, taller, count=1)
     assert reasons(found) == [("flat", "hardly seen")]
-    assert [each.tool.name for each in found.tools] == ["tall"]
+    assert [each.tool.name for each in found.kept] == ["tall"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("one_sided", [True, False])
 def test_the_twin_of_a_one_sided_clip_stays_and_the_file_says_so(tmp_path: Path, one_sided: bool) -> None:
     pair = replace(suggestion("fold.L", start=0.05, stop=0.4, height=8.0), mirrored=True, one_sided=one_sided)
-    (kept,) = judged(sheet(tmp_path / "a.glb", FLAT), pair).tools
+    (kept,) = judged(sheet(tmp_path / "a.glb", FLAT), pair).kept
     assert (
         "# fold.R, which mirror makes, is there for other clips: none here raises it" in file_text([kept.entry])
     ) is one_sided

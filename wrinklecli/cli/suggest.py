@@ -270,7 +270,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
             each.mesh,
             each.clip,
             f"{each.time:.2f} s",
-            f"{100 * each.judgement.keep:.0f} %",
+            _percent(each.judgement),
             f"{each.height:.3g}",
             f"{each.wavelength:.3g}",
             str(each.targets),
@@ -289,6 +289,10 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
         named = [_sided(each.effect.name, each.mirrored) for each in found.guesses]
         heading = [found.guesses[0].effect.words[0], *names]
         yield [heading, *([name, *row] for name, row in zip(named, rows, strict=True))], 1
+
+
+def _percent(judgement: "Score | None") -> str:
+    return "" if judgement is None else f"{100 * judgement.keep:.0f} %"
 
 
 def _cell(fact: float | str) -> str:
@@ -310,7 +314,7 @@ def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
                 "" if each.substance is None else each.substance.kind,
                 each.clip,
                 f"{each.time:.2f} s",
-                "" if each.judgement is None else f"{100 * each.judgement.keep:.0f} %",
+                _percent(each.judgement),
                 f"{100 * each.shortening:.0f} %",
                 f"{each.height:.2g}",
                 f"{each.gpu_bytes / 1e6:.1f} MB",

@@ -10,16 +10,21 @@ from typing import TypeAlias
 
 import numpy as np
 
-from wrinklecli.choices import Part, Profile
+from wrinklecli.character.clip import Clip
+from wrinklecli.choices import Part as PartOfBody
+from wrinklecli.choices import Profile
 from wrinklecli.effects.attached import Attached
+from wrinklecli.effects.effect import Part
+from wrinklecli.effects.plan import kind_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, Place
 from wrinklecli.review.suggest.draft import across_x, decimals, pair_of, renamed, stem_and_side, tool_of, width_of
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.score import Score, left_out_without_all
+from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.shortening import (
+    MOST_COMPRESSIBLE,
     Shortening,
     attached,
     attached_and_folded,
@@ -28,13 +33,14 @@ from wrinklecli.review.suggest.shortening import (
     with_rising_bumps,
 )
 from wrinklecli.review.suggest.text import SLACK, Entry
+from wrinklecli.review.suggest.trial import Suggested
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
 from wrinklecli.surface.strain import principal, unscaled_pose
 from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import RestLengthMorph, WrinkleTool
+from wrinklecli.tools.records import Contact, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
 
 # Profile whose furrows are as wide as its bumps, so that they turn over last.
@@ -50,7 +56,7 @@ _PRESENT = 0.25
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
-_BARE_LIMBS: tuple[Part, ...] = ("lower arm", "lower leg", "finger")
+_BARE_LIMBS: tuple[PartOfBody, ...] = ("lower arm", "lower leg", "finger")
 # Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
 _RADII = (0.15, 1.5)
 # Greatest |v| of a place well within a patch.
@@ -60,20 +66,19 @@ _ABOVE = 0.5
 # Parts of a tool's length at which its line may come into another tool: the fold is one then, on whatever layer. The
 # outer quarters have the flanks of bumps.
 _LINE = (0.25, 0.5, 0.75)
+# Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
+_MOST_CLIPS = 6
 # Shortening of the left tool of a pair over the right one's below which the right one is written.
 _RESTS = 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Suggestion(Place):
-    """A tool across a compressed region.
+class Suggestion(Suggested):
+    """A tool across a compressed region; it is tallest where it is shortened most.
 
     Attributes:
         tool: Its definition, with numbers as they are written.
         mirrored: True if its mirror image across x = 0 is suggested too.
-        mesh: Name of the node.
-        clip: Name of the clip that shortens the tool most.
-        time: Time of the greatest shortening in this clip, seconds.
         span: Distance of the anchors at rest, scene units.
         clips: By the clip's name, the least distance of the anchors without animated scale, scene units; infinite if
             the character is hidden in all of the clip.
@@ -84,18 +89,10 @@ class Suggestion(Place):
         twin_clip: The clip in which its mirror image shortens most; empty if that is not suggested.
         one_sided: True if no clip raises the wrinkles of its mirror image.
         crossings: Edges that pass through triangles at the place when it is folded, if `contact` may keep them apart.
-        height: The greatest displacement, scene units; 0 if nobody looked.
-        gpu_bytes: What its morph targets take on a GPU, where each part of the mesh has only those that move it.
-        own_bytes: What the mesh's own targets take there for the vertices that it adds.
-        judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
-        is_judged: True once somebody looked.
     """
 
     tool: WrinkleTool
     mirrored: bool
-    mesh: str
-    clip: str
-    time: float
     span: float
     clips: dict[str, float]
     shortening: float
@@ -104,11 +101,11 @@ class Suggestion(Place):
     twin_clip: str = ""
     one_sided: bool = False
     crossings: int = 0
-    height: float = 0.0
-    gpu_bytes: int = 0
-    own_bytes: int = 0
-    judgement: Score | None = None
-    is_judged: bool = False
+
+    @property
+    def effect(self) -> WrinkleTool:
+        """The tool."""
+        return self.tool
 
     @property
     def words(self) -> str:
@@ -158,9 +155,22 @@ class Suggestion(Place):
             remarks.append(f"{twin}, which mirror makes, is there for other clips: none here raises it")
         return Entry(self.tool, self.mirrored, remarks, known=self.presets)
 
-    @property
-    def next(self) -> "Suggestion | None":
-        """The first of the others, beside which the rest may be tried; None without others."""
+    def clips_among(self, clips: Sequence[Clip], _part: Part) -> list[Clip]:
+        """The clips that shorten it most, and the one that shortens its mirror image most."""
+        by_name = {clip.name: clip for clip in clips}
+        names = sorted(by_name.keys() & self.clips.keys(), key=lambda name: (self.clips[name], name))
+        wanted = dict.fromkeys((*names[:_MOST_CLIPS], self.twin_clip))
+        return [by_name[name] for name in wanted if name in by_name]
+
+    def crossing(self, edges: int) -> "Suggestion":
+        """The same with `contact` if that is installed, as its fold passes through itself at so many edges."""
+        tool = replace(self.tool, contact=Contact()) if kind_of("folds").is_installed else self.tool
+        return replace(self, tool=tool, crossings=edges)
+
+    def mended(self, compressible: float) -> "Suggestion | None":
+        """The same with that `compressible`, or else the first of the others, beside which the rest may be tried."""
+        if self.tool.compressible < compressible <= MOST_COMPRESSIBLE / 100.0:
+            return replace(self, tool=replace(self.tool, compressible=compressible))
         if not self.others:
             return None
         first, *rest = self.others

@@ -9,35 +9,28 @@ from functools import partial
 
 import numpy as np
 
-from wrinklecli.baking.split import grown_bytes, planned_bytes
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
-from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.plan import attach_effects, plan_on, sketch
-from wrinklecli.effects.sampling import seen_at
-from wrinklecli.errors import WrinkleError, counted
+from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import Progress
-from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.score import Score, left_out_without_all, mean_of
-from wrinklecli.review.suggest.stage import Placement
+from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import Entry
-from wrinklecli.review.suggest.trial import MOST_LEVELS, TriedAsset
-from wrinklecli.review.suggest.worth import Dropped, frames_of, look_in
+from wrinklecli.review.suggest.trial import Suggested, TriedAsset
+from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.mirror import exchange_sides, numbered
-from wrinklecli.tools.records import ONE_PERCENT, RefinementSettings, ToolsFile
+from wrinklecli.tools.records import RefinementSettings
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
@@ -47,8 +40,6 @@ _SOME, _ALL = 0.1, 0.97
 _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
 # Part of the largest area that a joint bends below which it folds nothing.
 LEAST_BENT = 0.02
-# Moments of the tallest folds at which a field is looked at. By two, a shirt is lost of which a sleeve hides one.
-_LOOKS = 3
 # Part of the budget for fields: the rest is for tools, and as edges are halved as a whole.
 _OF_FIELDS = 0.9
 # Most that folds are widened to take less memory: they still look like those of the material.
@@ -57,37 +48,22 @@ _WIDEST = 1.5
 _MOSTLY = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class SuggestedField:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SuggestedField(Suggested):
     """A field over a garment.
 
     Attributes:
         field: Its definition, as it is written.
-        mesh: Name of the node.
         why: What of the mesh is cloth, in words.
-        clip: Name of the clip that folds it most.
-        time: The time of the tallest fold in this clip, seconds.
-        height: The height of that fold, scene units.
-        wavelength: From crest to crest, scene units.
-        targets: The number of its morph targets.
-        gpu_bytes: What they take at most on a GPU where each part of the mesh has those that move it.
-        own_bytes: What the mesh's own targets take there for the vertices that it adds.
-        levels: How often edges are halved for it.
-        judgement: What one sees of it at its tallest folds, as a score.
     """
 
     field: Field
-    mesh: str
     why: str
-    clip: str
-    time: float
-    height: float
-    wavelength: float
-    targets: int
-    gpu_bytes: int
-    own_bytes: int
-    levels: int
-    judgement: Score
+
+    @property
+    def effect(self) -> Field:
+        """The field."""
+        return self.field
 
     @property
     def entry(self) -> Entry:
@@ -100,6 +76,12 @@ class SuggestedField:
         ]
         return Entry(self.field, remarks=remarks)
 
+    def widened(self, factor: float) -> "SuggestedField":
+        """The same with folds that are wider by a factor."""
+        length = self.field.wavelength
+        wider = replace(length, value=round(length.value * factor, 1))
+        return replace(self, field=replace(self.field, wavelength=wider))
+
 
 @dataclass(frozen=True, slots=True)
 class Garment:
@@ -107,21 +89,13 @@ class Garment:
 
     Attributes:
         mesh: The mesh.
-        field: Without a strength.
-        why: What of the mesh is cloth, in words.
+        suggestion: The field, before anybody looks at it.
         cloth: (triangles,) 1 for those of the gauge that the field lies on, else 0.
     """
 
     mesh: MeasuredMesh
-    field: Field
-    why: str
+    suggestion: SuggestedField
     cloth: Floats
-
-    def widened(self, factor: float) -> "Garment":
-        """The garment with folds that are wider by a factor."""
-        length = self.field.wavelength
-        wider = replace(length, value=round(length.value * factor, 1))
-        return replace(self, field=replace(self.field, wavelength=wider))
 
 
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
@@ -130,7 +104,7 @@ def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: Su
     parts = read_bones(asset.document).parts
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
-            found = _garment(asset, mesh, parts, [each.field.name for each in garments], options)
+            found = _garment(asset, mesh, parts, [each.suggestion.field.name for each in garments], options)
             garments += [] if found is None else [found]
     return garments
 
@@ -175,12 +149,12 @@ def _garment(
         "material": _CLOTH,
         "joints": "all" if len(joints) == len(bending) else tuple(joints),
     }
-    return Garment(
-        mesh,
-        Field(**Field.fields_of(values, {})),
-        f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
-        np.ones_like(cloth) if whole else cloth,
+    field = SuggestedField(
+        field=Field(**Field.fields_of(values, {})),
+        mesh=rig.node_name,
+        why=f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
     )
+    return Garment(mesh, field, np.ones_like(cloth) if whole else cloth)
 
 
 def _is_told(document: Document, mesh: int, primitive: int, hints: PrimitiveHints) -> bool:
@@ -219,132 +193,24 @@ def suggest_fields(
     progress: Progress,
     *,
     everything: bool,
-) -> tuple[list[SuggestedField], list[Dropped]]:
+) -> Worthwhile[SuggestedField]:
     """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
 
-    The budget is bytes on a GPU. What a field takes is known before the mesh carries it, which takes longest. Where all
-    take too much, folds are as much wider: those need fewer vertices. With `everything` all are kept that can be baked.
+    The budget is bytes on a GPU. Where all take too much, folds are as much wider: those need fewer vertices. With
+    `everything` all are kept that can be baked.
     """
-    drafts, dropped = _drafts(asset, garments)
-    over = sum(each.gpu_bytes for each in drafts) / (_OF_FIELDS * budget)
-    if over > 1.0:
-        drafts, dropped = _drafts(asset, [each.widened(min(over, _WIDEST)) for each in garments])
-    fitting = list[_Draft]()
-    for made in drafts:
-        if made.gpu_bytes > budget:
-            where = made.garment.mesh.rig.node_name
-            dropped.append(Dropped.costly(made.garment.field.name, where, made.gpu_bytes))
-        else:
-            budget -= made.gpu_bytes
-            fitting.append(made)
-    tried = list[SuggestedField]()
-    for step, found in enumerate(in_processes(partial(_judged, asset, clips), fitting, asset.jobs), 1):
-        progress("fields", step, len(fitting))
-        if isinstance(found, Dropped):
-            dropped.append(found)
-        else:
-            tried.append(found)
-    fields = list[SuggestedField]()
-    by_mesh = {each.mesh: each for each in tried}
-    for each in tried:
-        # A sleeve alone looks like a fault, so left and right are judged together.
-        pair = each, by_mesh.get(exchange_sides(each.mesh), each)
-        score = Score.of(mean_of([one.judgement.merits for one in pair]))
-        if score.is_kept or everything:
-            fields.append(replace(each, judgement=score))
-        else:
-            dropped.append(Dropped(each.field.name, each.mesh, *score.reason))
-    return fields, dropped
-
-
-def _drafts(asset: TriedAsset, garments: Sequence[Garment]) -> "tuple[list[_Draft], list[Dropped]]":
-    """The drafts of fields, and those that a bake would refuse."""
-    drafts, dropped = list[_Draft](), list[Dropped]()
-    for each in garments:
-        try:
-            drafts.append(_Draft.of(asset, each))
-        except WrinkleError as error:
-            where = each.mesh.rig.node_name
-            dropped.append(Dropped(each.field.name, where, "refused", 0.0, error.lines[0]))
-    return drafts, dropped
-
-
-@dataclass(frozen=True, slots=True)
-class _Draft:
-    """A field attached to its mesh, and the mesh as a bake refines it, before that carries the field.
-
-    Attributes:
-        garment: The garment, with the field.
-        attached: The field.
-        refined: The refined mesh.
-        gpu_bytes: What the targets of the field take at most.
-    """
-
-    garment: Garment
-    attached: AnyAttached
-    refined: MeshPlan
-    gpu_bytes: int
-
-    @classmethod
-    def of(cls, asset: TriedAsset, garment: Garment) -> "_Draft":
-        """Attach the field of a garment, and refine the mesh for it.
-
-        Raises:
-            WrinkleError: A bake would refuse it.
-        """
-        # No edge is halved more often than it has to be.
-        settings = ToolsFile(path=asset.document.path, refinement=RefinementSettings(max_levels=MOST_LEVELS))
-        ground, (attached,) = attach_effects(asset.ground(garment.mesh.rig.node), [garment.field], settings)
-        refined = plan_on(ground, [attached], settings, ONE_PERCENT, carried=False)
-        return cls(garment, attached, refined, planned_bytes(refined, attached.may_move(refined.fine)))
-
-
-def _judged(asset: TriedAsset, clips: Sequence[Clip], draft: _Draft) -> SuggestedField | Dropped:
-    """A field with its score, or the reason why there is none.
-
-    It is looked at before a bake lowers it where it turns triangles over, which takes longest and always succeeds.
-    """
-    field, plan = draft.garment.field, draft.refined
-    where = plan.rig.node_name
-    dropped = partial(Dropped, field.name, where)
-    try:
-        part = sketch(draft.attached, 0, plan.fine, np.zeros(0, np.bool_))
-    except WrinkleError as error:
-        return dropped("refused", 0.0, error.lines[0])
-    assert part is not None, "a field moves the skin"
-    moving = [clip for clip in clips if not clip.nodes.isdisjoint(part.drive.nodes)]
-    if not moving:
-        return dropped("not raised", 0.0)
-    seen = [seen_at(part, plan.rig, clip, frames_of(clip, plan.rig)) for clip in moving]
-    warnings = part.words(plan).warnings(plan, seen, up="y")
-    if plan.fine.subdivision.limited:
-        warnings.append(f"{plan.fine.subdivision.limited} edges stay too long for it at max_levels {MOST_LEVELS}")
-    if warnings:
-        return dropped("warned", 0.0, warnings[0])
-    # Each shape where it is tallest, the tallest of all first.
-    heights = np.stack([each.weights.max(axis=0) for each in seen]) * part.sizes(plan.fine)
-    moments: dict[tuple[str, float], None] = {}
-    for shape in np.argsort(-heights.max(axis=0), kind="stable").tolist():
-        tallest = seen[int(heights[:, shape].argmax())]
-        time = float(tallest.motion.times[int(tallest.weights[:, shape].argmax())])
-        moments[tallest.motion.clip.name, time] = None
-    placement = Placement(plan, part)
-    looks = [look_in(asset, placement, *moment, limb=False) for moment in list(moments)[:_LOOKS]]
-    raised = [each for each in looks if each is not None]
-    if not raised:
-        return dropped("not raised", 0.0)
-    clip, time = next(iter(moments))
-    return SuggestedField(
-        field=field,
-        mesh=where,
-        why=draft.garment.why,
-        clip=clip,
-        time=time,
-        height=float(heights.max()),
-        wavelength=part.attached.bump_width,
-        targets=len(part.drive.targets),
-        gpu_bytes=draft.gpu_bytes,
-        own_bytes=grown_bytes(plan),
-        levels=plan.fine.subdivision.levels,
-        judgement=Score.of(mean_of([score.merits for score, _ in raised])),
-    )
+    fields = [each.suggestion for each in garments]
+    tried = partial(worthwhile, asset, count=len(fields), everything=everything, checked=clips, progress=progress)
+    found = tried(fields, RefinementSettings(), budget=_OF_FIELDS * budget)
+    costly = sum(each.value for each in found.dropped if each.reason == "costly")
+    if costly:
+        over = (costly + sum(each.gpu_bytes for each in found.kept)) / (_OF_FIELDS * budget)
+        wider = [each.widened(min(over, _WIDEST)) for each in fields]
+        found = tried(wider, RefinementSettings(), budget=budget)
+    # A sleeve alone looks like a fault.
+    left_out = {each.mesh: each for each in found.dropped}
+    for each in found.kept:
+        if (other := left_out.get(exchange_sides(each.mesh))) is not None:
+            found.dropped.append(replace(other, name=each.field.name, mesh=each.mesh))
+    names = {each.name for each in found.dropped}
+    return replace(found, kept=[each for each in found.kept if each.field.name not in names])

@@ -1,12 +1,15 @@
 """Suggested tools in a pose: the refined mesh near each, without and with its wrinkles, and what else is near it."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import SkinnedMesh
+from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import MeshPlan, Part
+from wrinklecli.effects.plan import sketch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -31,36 +34,58 @@ _LEAST = 0.05
 _ROUND = 3.0
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
+# Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets, from
+# which a fold has a slit, which contact closes: a tenth of a line across the place.
+_SLIT = 0.1
 # Bits of a triangle that a box meets, as `np.packbits` fills them from the left.
 _ALL_SIDES = 0b11111100
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A tool on the refined mesh.
+    """A tool or a field on the refined mesh.
 
     Attributes:
         plan: The mesh.
-        part: The tool on that mesh.
+        attached: The tool or the field at rest.
     """
 
     plan: MeshPlan
-    part: Part
+    attached: AnyAttached
+
+    @cached_property
+    def part(self) -> Part:
+        """It on the refined mesh, which carries a field only now, and does not lower it.
+
+        Raises:
+            BakeError: It moves nothing.
+        """
+        for part in self.plan.parts:
+            if part.attached.tool.name == self.attached.tool.name:
+                return part
+        sketched = sketch(self.attached, 0, self.plan.fine, np.zeros(0, np.bool_))
+        assert sketched is not None, "it moves the skin"
+        return sketched
+
+    @property
+    def targets(self) -> Sequence[Ints]:
+        """For each morph target the vertices that it may move."""
+        return self.attached.may_move(self.plan.fine) or self.part.target_vertices
 
     @property
     def coarse(self) -> bool:
-        """True if edges under the patch stay too long for its wrinkles."""
-        members = self.part.attached.regions[0].members
+        """True if edges under it stay too long for its wrinkles."""
+        members = self.attached.regions[0].members
         return bool(among(members, self.plan.fine.subdivision.unmet).any())
 
     @property
     def departs(self) -> bool:
-        """True if refinement moves the surface under the tool so much that it is visible at rest."""
-        return self.plan.fine.departs(self.part.region)
+        """True if refinement moves the surface under it so much that one sees it at rest, as cloth does not show."""
+        return self.attached.segment is not None and self.plan.fine.departs(self.part.region)
 
     @cached_property
     def moved(self) -> Ints:
-        """(vertices,) those that the tool moves."""
+        """(vertices,) those that it moves."""
         return self.part.vertices
 
     @cached_property
@@ -170,12 +195,6 @@ class StagedTool:
         return diagonal(self.plain[self.triangles[self.place]].reshape(-1, 3))
 
     @cached_property
-    def edge_count(self) -> int:
-        """The number of edges of the place."""
-        low, high = sides_of(self.triangles[self.place]).T
-        return len(distinct_values(low * len(self.plain) + high))
-
-    @cached_property
     def crossings(self) -> int:
         """The number of edges that pass through triangles at the place without wrinkles: bumps in a crease may meet."""
         there = flags_of(distinct_values(self.triangles[self.place]), len(self.plain))
@@ -184,6 +203,13 @@ class StagedTool:
         edges, triangles = crossings.at(self.plain)
         corners = np.concatenate([crossings.edges[edges], crossings.triangles[triangles]], axis=1)
         return int(there[corners].any(axis=1).sum())
+
+    @property
+    def has_slit(self) -> bool:
+        """True if a fold crosses along so much of its length that contact should close it."""
+        low, high = sides_of(self.triangles[self.place]).T
+        edges = len(distinct_values(low * len(self.plain) + high))
+        return self.crossings > _SLIT * float(np.sqrt(edges))
 
 
 def _box(corners: Floats) -> tuple[Floats, Floats]:

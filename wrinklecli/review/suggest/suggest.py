@@ -176,26 +176,25 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
     tried = TriedAsset(document, joined.clips, jobs=options.jobs)
     garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-    fields, unfit = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
-    budget -= sum(each.gpu_bytes for each in fields)
-    folded = {each.field.name for each in fields}
-    bare = beside_garments(meshes, [each for each in garments if each.field.name in folded])
+    fields = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
+    budget -= sum(each.gpu_bytes for each in fields.kept)
+    folded = {each.field.name for each in fields.kept}
+    bare = beside_garments(meshes, [each for each in garments if each.suggestion.field.name in folded])
     candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
     chosen, reasons, hard = choose_candidates(document, candidates, options)
     flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
     scheme: Scheme = "midpoint" if flat else "butterfly"
-    levels = max([RefinementSettings().max_levels, *(each.levels for each in fields)])
     found = worthwhile(
         tried,
         fit_tools(chosen),
-        RefinementSettings(scheme=scheme, max_levels=levels),
+        replace(fields.refinement, scheme=scheme),
         count=options.count,
         budget=budget,
         everything=options.everything,
         checked=checked,
         progress=progress,
     )
-    found.dropped[:0] = unfit
+    found.dropped[:0] = fields.dropped
     rigid = {mesh.rig.node_name: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
     hard = [*(f"{name} is rigid" for name in rigid), *hard]
     if candidates and not chosen:
@@ -212,7 +211,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
         least = f"no clip compresses the surface by more than {100 * LEAST_LOSS:g} % anywhere that a tool fits"
         reason = _joined([*hard, least])
     beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
-    return _written(document, beside, found, [*read.notes, *reasons], reason, options.written_presets, fields)
+    return _written(document, beside, found, [*read.notes, *reasons], reason, options.written_presets, fields.kept)
 
 
 def _budget(options: SuggestOptions) -> float:
@@ -230,7 +229,7 @@ def _joined(clauses: Sequence[str]) -> str:
 def _written(
     document: Document,
     beside: Sequence[str],
-    found: Worthwhile,
+    found: Worthwhile[Suggestion],
     notes: Sequence[str],
     reason: str,
     presets: Sequence[str],
@@ -241,7 +240,7 @@ def _written(
     `beside` are files that were read besides the asset's, `presets` those of presets as the text names them.
     """
     text = ""
-    entries = [*(each.entry for each in fields), *(each.entry for each in found.tools)]
+    entries = [*(each.entry for each in fields), *(each.entry for each in found.kept)]
     if entries:
         text = file_text(entries, document.path, found.refinement, presets)
         refuse_unwritable(text, document, entries)
@@ -249,8 +248,8 @@ def _written(
     elif found.dropped:
         reason = "nothing is worth it, as the notes say; `wrinkle edit` draws tools by hand"
     inputs, notes = (*files_of(document), *beside), (*notes, *found.summary)
-    grown = round((sum(each.own_bytes for each in fields) + sum(each.own_bytes for each in found.tools)) / 1e6, 1)
+    grown = round((sum(each.own_bytes for each in fields) + sum(each.own_bytes for each in found.kept)) / 1e6, 1)
     if grown:
         why = f"{grown} MB more on a GPU for the new vertices, which --budget does not count"
         notes = (*notes, f"the asset's own morph targets take {why}")
-    return Suggestions(tuple(found.tools), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))
+    return Suggestions(tuple(found.kept), text, reason, notes, inputs, tuple(found.dropped), tuple(fields))

@@ -1,27 +1,31 @@
-"""Suggested tools placed on the mesh as a bake refines it.
+"""Suggested tools and fields, placed on the mesh as a bake refines it.
 
-Regions are measured on the mesh as it is. Only the refined mesh shows what a tool's wrinkles reach, and whether its
-triangles become short enough for them.
+Regions are measured on the mesh as it is. Only the refined mesh shows what wrinkles reach, and whether its triangles
+become short enough for them.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Self
 
 from wrinklecli.baking.job import BakeOptions, tools_by_node
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.scene import read_scene
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.plan import attach_effects, plan_on, skin_parts
+from wrinklecli.effects.effect import Part
+from wrinklecli.effects.plan import attach_effects, plan_on
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.candidates import Place
 from wrinklecli.review.suggest.layers import Layers
+from wrinklecli.review.suggest.score import Score
 from wrinklecli.review.suggest.stage import Placement
-from wrinklecli.review.suggest.text import file_text, read_suggested
+from wrinklecli.review.suggest.text import Entry, file_text, read_suggested
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
-from wrinklecli.tools.records import RefinementSettings, ToolsFile
+from wrinklecli.tools.records import EffectTool, RefinementSettings, ToolsFile
 
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
 MOST_LEVELS = 6
@@ -60,13 +64,62 @@ class TriedAsset:
         return self._grounds[node]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggested(Place):
+    """A tool or a field to try, and what was seen of it.
+
+    Attributes:
+        mesh: Name of the node.
+        clip: Name of the clip in which it is tallest; empty if it is not known before the mesh carries it.
+        time: The time in this clip, seconds.
+        height: The greatest displacement, scene units; 0 if nobody looked.
+        wavelength: From crest to crest, scene units; 0 if nobody looked.
+        targets: The number of its morph targets.
+        gpu_bytes: What they take on a GPU, where each part of the mesh has only those that move it.
+        own_bytes: What the mesh's own targets take there for the vertices that it adds.
+        judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
+    """
+
+    mesh: str
+    clip: str = ""
+    time: float = 0.0
+    height: float = 0.0
+    wavelength: float = 0.0
+    targets: int = 0
+    gpu_bytes: int = 0
+    own_bytes: int = 0
+    judgement: Score | None = None
+
+    @property
+    @abstractmethod
+    def effect(self) -> EffectTool:
+        """Its record, with numbers as they are written; the left one of a pair."""
+
+    @property
+    @abstractmethod
+    def entry(self) -> Entry:
+        """It as the file has it."""
+
+    def clips_among(self, clips: Sequence[Clip], part: Part) -> list[Clip]:
+        """The clips in which it is checked frame by frame."""
+        return [clip for clip in clips if not clip.nodes.isdisjoint(part.drive.nodes)]
+
+    def crossing(self, edges: int) -> Self:  # noqa: ARG002
+        """The same, as its fold passes through itself at so many edges."""
+        return self
+
+    def mended(self, compressible: float) -> Self | None:  # noqa: ARG002
+        """Another one to try where `check` warns of it, by the `compressible` that it needs; None if there is none."""
+        return None
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
     """A suggestion and its twin, or one of them, attached to their mesh alone.
 
     Attributes:
         ground: The mesh at rest.
-        attached: The tools.
+        attached: The tools or the field.
         settings: The tools file that has them.
     """
 
@@ -75,7 +128,7 @@ class Trial:
     settings: ToolsFile
 
     @classmethod
-    def of(cls, asset: TriedAsset, suggestion: Suggestion) -> "list[Trial]":
+    def of(cls, asset: TriedAsset, suggestion: Suggested) -> "list[Trial]":
         """Attach a suggestion as a bake does, to each mesh that has it or its twin.
 
         Raises:
@@ -89,22 +142,25 @@ class Trial:
 
     @property
     def smooth(self) -> float:
-        """Part of the edges under the tools that are not hard."""
+        """Part of the edges under them that are not hard."""
         regions = [each.regions[0] for each in self.attached]
         return 1.0 - float(hard_edges(self.ground.surface, self.ground.rest.bind_positions, regions).shares.max())
 
     def placed(self, refinement: RefinementSettings) -> tuple[RefinementSettings, dict[str, Placement]]:
-        """Refine the mesh as finely as the tools need, without rounding if that would be visible at rest.
+        """Refine the mesh as finely as they need, without rounding if that would be visible at rest.
 
         Returns:
-            The settings for that, at least those given, and placements by the tool's name.
+            The settings for that, at least those given, and placements by name.
 
         Raises:
-            BakeError: A bake would refuse the tools.
+            BakeError: A bake would refuse them.
         """
-        needed, placed = refinement, self._placed(refinement)
-        if any(each.coarse for each in placed.values()):
-            needed = replace(refinement, max_levels=MOST_LEVELS)
+        finest = replace(refinement, max_levels=MOST_LEVELS)
+        # A field needs finer triangles as a rule, and takes so long that nobody tries twice.
+        needed = refinement if self._is_carried else finest
+        placed = self._placed(needed)
+        if needed is not finest and any(each.coarse for each in placed.values()):
+            needed = finest
             placed = self._placed(needed)
         if any(each.departs for each in placed.values()):
             needed = replace(needed, scheme="midpoint")
@@ -113,7 +169,12 @@ class Trial:
         levels = max(each.plan.fine.subdivision.levels for each in placed.values())
         return replace(needed, max_levels=max(levels, refinement.max_levels)), placed
 
+    @property
+    def _is_carried(self) -> bool:
+        """False for a field: a bake lowers it where it turns triangles over, which takes longest and always works."""
+        return all(each.segment is not None for each in self.attached)
+
     def _placed(self, refinement: RefinementSettings) -> dict[str, Placement]:
         settings = replace(self.settings, refinement=refinement)
-        plan = plan_on(self.ground, self.attached, settings, BakeOptions().max_error)
-        return {part.attached.tool.name: Placement(plan, part) for part in skin_parts(plan)}
+        plan = plan_on(self.ground, self.attached, settings, BakeOptions().max_error, carried=self._is_carried)
+        return {each.tool.name: Placement(plan, each) for each in self.attached}

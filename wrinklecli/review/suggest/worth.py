@@ -1,7 +1,8 @@
-"""Suggested tools that are worth keeping: each is tried on the refined mesh, looked at, scored and checked.
+"""Tools and fields that are worth keeping: each is tried on the refined mesh, looked at, scored and checked.
 
-A tool is looked at once, where it is tallest, or a little before, if the fold hides it then. One of which `check`
-would warn gives way to others that fit the same place, so that the file passes `check --strict`.
+A tool is looked at once, where it is tallest, or a little before, if the fold hides it then; a field, which lies all
+over a garment, at several such moments. One of which `check` would warn gives way to others that fit the same place,
+so that the file passes `check --strict`.
 """
 
 import math
@@ -10,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -17,8 +19,8 @@ from wrinklecli.baking.split import grown_bytes, planned_bytes
 from wrinklecli.character.clip import Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
+from wrinklecli.effects.effect import Seen
 from wrinklecli.effects.faults import departure_warnings, turned_warnings
-from wrinklecli.effects.plan import kind_of
 from wrinklecli.effects.sampling import seen_at
 from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
@@ -26,19 +28,14 @@ from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
-from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.look import Sight, look_at
-from wrinklecli.review.suggest.score import REASONS, Merits, Score
-from wrinklecli.review.suggest.shortening import MOST_COMPRESSIBLE
+from wrinklecli.review.suggest.score import REASONS, Merits, Score, mean_of
 from wrinklecli.review.suggest.stage import Placement, StagedTool
-from wrinklecli.review.suggest.trial import Trial, TriedAsset
-from wrinklecli.tools.records import Contact, RefinementSettings, Sampling
+from wrinklecli.review.suggest.trial import Suggested, Trial, TriedAsset
+from wrinklecli.tools.records import EffectTool, RefinementSettings, Sampling
 
 # Height over the size of a place below which a tool is not raised: a hair on a hand.
 _RAISED = 1e-3
-# Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets, from
-# which a fold has a slit, which contact closes: a tenth of a line across the place.
-_SLIT = 0.1
 # Joints whose folds contact closes, as each bends one limb: hips and shoulders over one trunk are in each other's way.
 _OF_CONTACT: tuple[Part, ...] = ("lower arm", "lower leg")
 # Shapes of contact, each over all of the place: the median of the folds in contact.csv.
@@ -50,10 +47,12 @@ _UNNOTICED = 0.035
 _ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
-# Clips in which a tool is checked frame by frame: those that shorten it most, as measured in fewer poses.
-_MOST_CLIPS = 6
+# Moments of the tallest folds at which a field is looked at. By two, a shirt is lost of which a sleeve hides one.
+_MOMENTS = 3
 # Frames of a clip that are checked: eleven minutes.
 _MOST_FRAMES = 20_000
+
+AnySuggested = TypeVar("AnySuggested", bound=Suggested)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class Dropped:
     """A suggestion that is not worth keeping.
 
     Attributes:
-        name: Of the tool.
+        name: Of the tool or the field.
         mesh: Name of the node.
         reason: A word for why.
         value: The number that decided.
@@ -75,9 +74,9 @@ class Dropped:
     warning: str = ""
 
     @classmethod
-    def costly(cls, name: str, mesh: str, size: int) -> "Dropped":
+    def costly(cls, suggestion: Suggested, size: int) -> "Dropped":
         """A suggestion that is over the budget, with its bytes on a GPU."""
-        return cls(name, mesh, "costly", float(size), f"{size / 1e6:.1f} MB")
+        return cls(suggestion.effect.name, suggestion.mesh, "costly", float(size), f"{size / 1e6:.1f} MB")
 
     @property
     def line(self) -> str:
@@ -97,16 +96,16 @@ _SENTENCES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Worthwhile:
+class Worthwhile(Generic[AnySuggested]):
     """Suggestions that are worth keeping.
 
     Attributes:
-        tools: Best first.
-        refinement: Fine enough for the tools.
+        kept: Best first.
+        refinement: Fine enough for them.
         dropped: Those that are not worth it.
     """
 
-    tools: list[Suggestion]
+    kept: list[AnySuggested]
     refinement: RefinementSettings
     dropped: list[Dropped]
 
@@ -122,7 +121,7 @@ class Worthwhile:
 
 def worthwhile(
     asset: TriedAsset,
-    suggestions: Iterable[Suggestion],
+    suggestions: Iterable[AnySuggested],
     refinement: RefinementSettings,
     *,
     count: int,
@@ -130,172 +129,194 @@ def worthwhile(
     everything: bool,
     checked: Sequence[Clip] = (),
     progress: Progress = log_progress,
-) -> Worthwhile:
+) -> Worthwhile[AnySuggested]:
     """Try and look at suggestions, best first, until some are worth keeping.
 
     Args:
         asset: With all clips.
         suggestions: Best first; so many are taken as are needed.
         refinement: What the tools file has at least.
-        count: Most tools to keep.
+        count: Most to keep.
         budget: Most bytes on a GPU that they may take; the best that fit are kept.
         everything: Keep all that can be baked, as they are, with their scores.
         checked: Clips that `check` looks at.
-        progress: Called with a stage's name, the tools found or left out so far, and those with the ones looked at.
+        progress: Called with a stage's name, those found or left out so far, and those with the ones looked at.
     """
-    tried = partial(_tried, asset, refinement, None if everything else checked)
-    found = Worthwhile([], refinement, [])
+    judge = _Judge(asset, refinement, checked, everything)
+    found = Worthwhile[AnySuggested]([], refinement, [])
     remaining = islice(suggestions, count if everything else _LOOKS * count)
-    while batch := list(islice(remaining, count - len(found.tools))):
-        known = len(found.tools) + len(found.dropped)
-        for step, (each, needed) in enumerate(in_processes(tried, batch, asset.jobs), 1):
+    while batch := list(islice(remaining, count - len(found.kept))):
+        known = len(found.kept) + len(found.dropped)
+        for step, (each, needed) in enumerate(in_processes(partial(judge.tried, budget), batch, asset.jobs), 1):
             progress("looking", known + step, known + len(batch))
             if isinstance(each, Dropped):
                 found.dropped.append(each)
             elif each.gpu_bytes > budget:
-                found.dropped.append(Dropped.costly(each.tool.name, each.mesh, each.gpu_bytes))
+                found.dropped.append(Dropped.costly(each, each.gpu_bytes))
             else:
                 budget -= each.gpu_bytes
-                found.tools.append(each)
+                found.kept.append(each)
                 found = replace(found, refinement=_joined(found.refinement, needed))
     return found
 
 
 def _joined(first: RefinementSettings, second: RefinementSettings) -> RefinementSettings:
-    """The settings that are enough for two tools."""
+    """The settings that are enough for both."""
     scheme = "midpoint" if "midpoint" in (first.scheme, second.scheme) else first.scheme
     return replace(first, max_levels=max(first.max_levels, second.max_levels), scheme=scheme)
 
 
-def _tried(
-    asset: TriedAsset,
-    refinement: RefinementSettings,
-    checked: Sequence[Clip] | None,
-    suggestion: Suggestion,
-) -> tuple[Suggestion | Dropped, RefinementSettings]:
-    """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs.
+@dataclass(frozen=True, slots=True)
+class _Judge:
+    """Tries, looks at, scores and checks suggestions; the attributes are arguments of `worthwhile`."""
 
-    It is kept as it is if nothing is `checked`. What is cheap to know counts first: facets do before any refinement.
-    """
-    dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
-    try:
-        trials = Trial.of(asset, suggestion)
-        best = Score.of(Merits(seen=1.0, crests=1.0, smooth=min(each.smooth for each in trials), closed=1.0))
-        if checked is not None and not best.is_kept:
-            return dropped(*best.reason), refinement
-        needed, placed = refinement, dict[str, Placement]()
-        for trial in trials:
-            needed, more = trial.placed(needed)
-            placed |= more
-    except BakeError as error:
-        return dropped("refused", 0.0, error.lines[0]), refinement
-    if any(each.coarse for each in placed.values()):
-        return dropped("coarse", 0.0), refinement
-    found = _judged(asset, placed, checked, suggestion)
-    if isinstance(found, Dropped) or found.is_judged:
-        return found, needed
-    return _tried(asset, refinement, checked, found)
+    asset: TriedAsset
+    refinement: RefinementSettings
+    checked: Sequence[Clip]
+    everything: bool
+
+    def tried(self, budget: float, suggestion: AnySuggested) -> tuple[AnySuggested | Dropped, RefinementSettings]:
+        """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs.
+
+        What is cheap to know counts first: facets do before any refinement, and bytes before a mesh carries a field.
+        """
+        dropped, needed = partial(Dropped, suggestion.effect.name, suggestion.mesh), self.refinement
+        placed = dict[str, Placement]()
+        try:
+            trials = Trial.of(self.asset, suggestion)
+            limb = not suggestion.by_morph and trials[0].attached[0].segment is not None
+            smooth = min(each.smooth for each in trials)
+            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=1.0 if limb else math.nan))
+            if not (self.everything or best.is_kept):
+                return dropped(*best.reason), needed
+            for trial in trials:
+                needed, more = trial.placed(needed)
+                placed |= more
+            if any(each.coarse for each in placed.values()):
+                return dropped("coarse", 0.0), self.refinement
+            if (cost := _cost(placed)) > budget:
+                return Dropped.costly(suggestion, cost), needed
+            judged, tallest = self._looked_at(placed, replace(suggestion, gpu_bytes=cost), limb=limb)
+        except BakeError as error:
+            return dropped("refused", 0.0, error.lines[0]), self.refinement
+        if self.everything and judged.clip:
+            return judged, needed
+        if tallest is None or judged.judgement is None:
+            return dropped("not raised", 0.0), needed
+        if not judged.judgement.is_kept:
+            return dropped(*judged.judgement.reason), needed
+        if limb and suggestion.part in _OF_CONTACT and tallest.has_slit:
+            judged = judged.crossing(tallest.crossings)
+            judged = replace(judged, gpu_bytes=_cost(placed, judged.effect))
+        warning, compressible = self._checked(placed, suggestion)
+        if not warning:
+            return judged, needed
+        other = suggestion.mended(compressible)
+        return self.tried(budget, other) if other else (dropped("warned", 0.0, warning), needed)
+
+    def _looked_at(
+        self, placed: dict[str, Placement], suggestion: AnySuggested, *, limb: bool
+    ) -> tuple[AnySuggested, StagedTool | None]:
+        """A suggestion with what one sees of it, and it at its peak; None if no clip raises it.
+
+        Its twin is not looked at, as it is the same in a mirror.
+        """
+        placement = placed[suggestion.effect.name]
+        part = placement.part
+        moments = [(suggestion.clip, suggestion.time)] if suggestion.clip else self._moments(placement, suggestion)
+        looks = [self._look(placement, *moment, limb=limb) for moment in moments]
+        raised = [each for each in looks if each is not None]
+        clip, time = moments[0] if moments else ("", 0.0)
+        judged = replace(
+            suggestion,
+            clip=clip,
+            time=time,
+            height=max((staged.height for _, staged in raised), default=0.0),
+            wavelength=part.attached.bump_width,
+            targets=sum(len(each.part.drive.targets) for each in placed.values()),
+            own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
+            judgement=Score.of(mean_of([merits for merits, _ in raised])) if raised else None,
+        )
+        return judged, raised[0][1] if raised else None
+
+    def _moments(self, placement: Placement, suggestion: Suggested) -> list[tuple[str, float]]:
+        """Clips and seconds in which shapes are tallest, the tallest of all first."""
+        seen = _seen(placement, suggestion.clips_among(self.checked, placement.part))
+        if not seen:
+            return []
+        heights = np.stack([each.weights.max(axis=0) for each in seen]) * placement.part.sizes(placement.plan.fine)
+        moments: dict[tuple[str, float], None] = {}
+        for shape in np.argsort(-heights.max(axis=0), kind="stable").tolist():
+            motion, _, weights = seen[int(heights[:, shape].argmax())]
+            moments[motion.clip.name, float(motion.times[int(weights[:, shape].argmax())])] = None
+        return list(moments)[:_MOMENTS]
+
+    def _checked(self, placed: dict[str, Placement], suggestion: Suggested) -> tuple[str, float]:
+        """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
+        warnings, needed = list[str](), 0.0
+        for placement in placed.values():
+            plan, part = placement.plan, placement.part
+            seen = _seen(placement, suggestion.clips_among(self.checked, part))
+            lines = part.words(plan).warnings(plan, seen, up="y")
+            if part.attached.segment is not None:
+                lines += departure_warnings(plan.fine, [part]) + turned_warnings(plan, part, seen)
+            if lines:
+                lengths = ((each.reading.distances, each.reading.rest_lengths) for each in seen)
+                needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
+            warnings += lines
+        return (warnings or [""])[0], needed
+
+    def _look(self, placement: Placement, name: str, peak: float, *, limb: bool) -> tuple[Merits, StagedTool] | None:
+        """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
+
+        `limb` is True if a limb folds there. If not `everything` is looked at, a fold that is too open where it is
+        tallest has the best merits that it could get.
+
+        Returns:
+            Its merits where one sees it best, and the tool at its peak, where a fold may hide it.
+        """
+        clip, layers = self.asset.clip(name), self.asset.layers
+        first = StagedTool.of(placement, layers, clip, peak)
+        if first.height <= _RAISED * first.size:
+            return None
+        smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
+        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(first) if limb else math.nan)
+        if not (self.everything or Score.of(best_merits).is_kept):
+            return best_merits, first
+
+        def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
+            staged = first if time == peak else StagedTool.of(placement, layers, clip, time)
+            if staged.height <= _RAISED * staged.size:
+                return None, UNSEEN
+            sight = Sight.of(staged)
+            return (staged, sight), sight.best_side
+
+        best, side = best_moment(clip.start if clip.start < peak else clip.end, peak, look)
+        assert best is not None
+        staged, sight = best
+        side, crests = look_at(staged, sight, side)
+        merits = Merits(
+            seen=side.visible if limb else part_not_hidden(sight.place, side),
+            crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
+            smooth=smooth,
+            closed=_closed(staged) if limb else math.nan,
+        )
+        return merits, first
 
 
-def _judged(
-    asset: TriedAsset, placed: dict[str, Placement], checked: Sequence[Clip] | None, suggestion: Suggestion
-) -> Suggestion | Dropped:
-    """A suggestion that is worth keeping, another one to try in its place, or the reason why there is none.
-
-    It is kept as it is if nothing is `checked`. Its twin is not looked at, as it is the same in a mirror.
-    """
-    placement, limb = placed[suggestion.tool.name], not suggestion.by_morph
-    everything = checked is None
-    look = look_in(asset, placement, suggestion.clip, suggestion.time, limb=limb, everything=everything)
-    score, tallest = look or (None, None)
-    judged = replace(
-        suggestion,
-        judgement=score,
-        height=0.0 if tallest is None else tallest.height,
-        gpu_bytes=_cost(placed),
-        own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
-        is_judged=True,
+def _cost(placed: dict[str, Placement], effect: EffectTool | None = None) -> int:
+    """Bytes on a GPU of a suggestion and its twin, with contact where its record asks for it."""
+    shapes = _SHAPES_OF_CONTACT if effect and "folds" in effect.sections else 0
+    return sum(
+        planned_bytes(each.plan, [*each.targets, *(each.part.vertices for _ in range(shapes))])
+        for each in placed.values()
     )
-    if checked is None:
-        return judged
-    dropped = partial(Dropped, suggestion.tool.name, suggestion.mesh)
-    if score is None or tallest is None:
-        return dropped("not raised", 0.0)
-    if not score.is_kept:
-        return dropped(*score.reason)
-    if suggestion.part in _OF_CONTACT and not suggestion.by_morph and _has_slit(tallest):
-        tool = replace(suggestion.tool, contact=Contact()) if kind_of("folds").is_installed else suggestion.tool
-        judged = replace(judged, tool=tool, crossings=tallest.crossings, gpu_bytes=_cost(placed, tool.contact))
-    warning, needed = _checked(suggestion, placed, checked)
-    if not warning:
-        return judged
-    if suggestion.tool.compressible < needed <= MOST_COMPRESSIBLE / 100.0:
-        return replace(suggestion, tool=replace(suggestion.tool, compressible=needed), is_judged=False)
-    return suggestion.next or dropped("warned", 0.0, warning)
 
 
-def _cost(placed: dict[str, Placement], contact: Contact | None = None) -> int:
-    """Bytes on a GPU of a tool and its twin."""
-    shapes = 0 if contact is None else _SHAPES_OF_CONTACT
-    parts = [(each.plan, each.part) for each in placed.values()]
-    return sum(planned_bytes(plan, [*part.target_vertices, *[part.vertices] * shapes]) for plan, part in parts)
-
-
-def _checked(suggestion: Suggestion, placed: dict[str, Placement], clips: Sequence[Clip]) -> tuple[str, float]:
-    """The first warning of `check`, or an empty string, and the `compressible` that the tool needs."""
-    warnings, needed = list[str](), 0.0
-    clips = _shortest_clips(suggestion, clips)
-    for placement in placed.values():
-        plan, part = placement.plan, placement.part
-        seen = [seen_at(part, plan.rig, clip, frames_of(clip, plan.rig)) for clip in clips]
-        lines = part.words(plan).warnings(plan, seen, up="y") + departure_warnings(plan.fine, [part])
-        lines += turned_warnings(plan, part, seen)
-        if lines:
-            lengths = ((each.reading.distances, each.reading.rest_lengths) for each in seen)
-            needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
-        warnings += lines
-    return (warnings or [""])[0], needed
-
-
-def look_in(
-    asset: TriedAsset, placement: Placement, name: str, peak: float, *, limb: bool, everything: bool = True
-) -> tuple[Score, StagedTool] | None:
-    """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
-
-    `limb` is True if a limb folds there. If not `everything` is looked at, a fold that is too open where it is tallest
-    has the best score that it could get.
-
-    Returns:
-        Its score where one sees it best, and the tool at its peak, where a fold may hide it.
-    """
-    clip = asset.clip(name)
-    first = StagedTool.of(placement, asset.layers, clip, peak)
-    if first.height <= _RAISED * first.size:
-        return None
-    smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
-    best_score = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(first) if limb else math.nan))
-    if not (everything or best_score.is_kept):
-        return best_score, first
-
-    def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
-        staged = first if time == peak else StagedTool.of(placement, asset.layers, clip, time)
-        if staged.height <= _RAISED * staged.size:
-            return None, UNSEEN
-        sight = Sight.of(staged)
-        return (staged, sight), sight.best_side
-
-    start = clip.start if clip.start < peak else clip.end
-    best, side = best_moment(start, peak, look)
-    assert best is not None
-    staged, sight = best
-    side, crests = look_at(staged, sight, side)
-    merits = Merits(
-        seen=side.visible if limb else part_not_hidden(sight.place, side),
-        crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
-        smooth=smooth,
-        closed=_closed(staged) if limb else math.nan,
-    )
-    return Score.of(merits), first
+def _seen(placement: Placement, clips: Sequence[Clip]) -> list[Seen]:
+    """It in clips, frame by frame."""
+    part, rig = placement.part, placement.plan.rig
+    return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
 
 
 def _closed(staged: StagedTool) -> float:
@@ -310,20 +331,7 @@ def _closed(staged: StagedTool) -> float:
     return float(2.0 + leans[0] - leans[1]) / 4.0
 
 
-def _has_slit(staged: StagedTool) -> bool:
-    """True if a fold crosses along so much of its length that contact should close it."""
-    return staged.crossings > _SLIT * float(np.sqrt(staged.edge_count))
-
-
-def _shortest_clips(suggestion: Suggestion, clips: Sequence[Clip]) -> list[Clip]:
-    """The clips that shorten a tool most, and the one that shortens its mirror image most."""
-    by_name = {clip.name: clip for clip in clips}
-    names = sorted(by_name.keys() & suggestion.clips.keys(), key=lambda name: (suggestion.clips[name], name))
-    wanted = dict.fromkeys((*names[:_MOST_CLIPS], suggestion.twin_clip))
-    return [by_name[name] for name in wanted if name in by_name]
-
-
-def frames_of(clip: Clip, rig: Rig) -> Floats:
+def _frames_of(clip: Clip, rig: Rig) -> Floats:
     """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
     frames = (clip.end - clip.start) * Sampling().fps
     long = frames > _MOST_FRAMES
