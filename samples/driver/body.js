@@ -23,9 +23,9 @@ export const quoted = (names) => [...new Set(names)].map((name) => JSON.stringif
 
 /** The names of the joints that a drive needs. */
 function jointsOf(drive) {
-  const { joint, parent = joint, turns, by, limb = [], row = [] } = drive;
+  const { joint, parent = joint, other, turns, by, limb = [], row = [] } = drive;
   if (turns) return turns.flatMap(jointsOf);
-  if (joint !== undefined) return [joint, parent];
+  if (joint !== undefined) return [joint, parent, ...(other ? jointsOf(other) : [])];
   return [...anchorsOf(drive), ...(by ? [by] : []), ...limb, ...row.flatMap(anchorsOf)].flatMap((each) => each.joints);
 }
 

@@ -175,6 +175,11 @@ TURNS = {
     "paths": [{"turns": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], "weights": [[0.0], [1.0]]}],
     "targets": ["nan"],
 }
+BOTH = {
+    **{key: value for key, value in TURNS.items() if key != "paths"},
+    "other": {"joint": "inf", "parent": "nan", "rest": [0.0, 0.0, 0.0, 1.0]},
+    "paths_with_other": [{"turns": [[0.0] * 6, [0.1] * 6], "weights": [[0.0], [1.0]]}],
+}
 SPRING = {"frequency": 4.0, "damping": 0.5}
 MODE = {**SPRING, "load": [1.0, 0.0, 0.0], "gain": 1.0}
 TOUCH = {
@@ -202,6 +207,7 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
     "activation": {**SEGMENT, **ROWS, "gains": [0.0, 1.0], "tension": {"length": 0.1, "morph": "nan"}},
     "keyed activation": {**SEGMENT, **ROWS, "lows": [0.0], "tension": {"length": 0.1, "keys": KEYED}},
     "turn": {**JOINT, **TURNS},
+    "two turns": {**JOINT, **BOTH},
     "field": {
         "name": "nan",
         "turns": FIELD_TURNS,
@@ -302,6 +308,21 @@ def test_weights_are_those_of_a_clip_at_its_turns_and_those_of_the_table_10_degr
     # There is no jump on the way out.
     away = turns[1] + np.linspace(0.0, 0.2, 20_001)[:, None] * [0.0, 0.0, 1.0]
     assert np.abs(np.diff(at(away), axis=0)).max() < 1e-3
+
+
+def test_weights_along_the_turns_of_two_joints_differ_where_one_of_them_is_turned_otherwise() -> None:
+    """A joint that stands still may have another behind it that folds its surface."""
+    data = json.loads(json.dumps({**JOINT, **BOTH}))
+    drive = StoredDrive.read(data).on({"nan": 1, "inf": 0}, ())
+    assert isinstance(drive.signal, JointAngle)
+    assert drive.nodes == {0, 1}
+    assert isinstance(drive.response, LeaningTable)
+    turns = np.array([[0.1] * 6, [*[0.1] * 3, *[0.0] * 3]])
+    found = drive.response.weights(Angles(np.zeros(2), np.zeros((2, 3)), turns))
+    assert found[0] == pytest.approx([1.0], abs=1e-6)
+    assert found[1] == pytest.approx([0.0], abs=1e-6)
+    with pytest.raises(ValueError):  # noqa: PT011
+        StoredDrive.read({**data, "paths_with_other": TURNS["paths"]})
 
 
 def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None:

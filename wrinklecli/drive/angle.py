@@ -14,6 +14,8 @@ from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, unit_quaternio
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
 _LEAST_SINE = 1e-5
+# The axis of another joint, whose turn counts as a whole.
+_NO_AXIS = (0.0, 0.0, 0.0)
 
 
 class Angles(NamedTuple):
@@ -23,7 +25,8 @@ class Angles(NamedTuple):
         rows: (frames,) radians about the axis, by which a table is looked up.
         slants: (frames, 3) the axis about which the joint is turned, of a length such that its part along the axis of
             the measurement is 1; 0 while it has no part along it, as at rest.
-        turns: (frames, 3) that axis, as long as the sine of half of the angle about it: 0 at rest, 1 at 180°.
+        turns: (frames, 3) that axis, as long as the sine of half of the angle about it: 0 at rest, 1 at 180°; or
+            (frames, 6) with that of another joint behind it.
     """
 
     rows: Floats
@@ -50,19 +53,34 @@ class JointAngle:
         parent: The joint's parent; -1 for a root.
         axis: (3,) unit, in the parent's space.
         rest: (4,) the joint's stored rotation x, y, z, w, of unit length.
+        other: Another joint, whose turn about any axis is measured, too.
     """
 
     node: int
     parent: int
     axis: Floats
     rest: Floats
+    other: "JointAngle | None" = None
+
+    @property
+    def nodes(self) -> frozenset[int]:
+        """The joints that are measured."""
+        return (frozenset({self.node, self.parent}) - {-1}) | (self.other.nodes if self.other else frozenset())
+
+    @classmethod
+    def whole(cls, rig: Rig, node: int) -> "JointAngle":
+        """The turn of a joint about any axis, as that of another's."""
+        return cls(node, int(rig.parents[node]), np.array(_NO_AXIS), unit_quaternions(rig.locals[node]["rotation"]))
 
     def angles(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None) -> Angles:
         """Measure the turn about the axis at (frames,) seconds of a clip, by world matrices with scale taken out.
 
         `known` is as in `node_rows`.
         """
-        return self._about(*self._turned(rig, clip, times, known))
+        found = self._about(*self._turned(rig, clip, times, known))
+        if self.other is None:
+            return found
+        return found._replace(turns=np.hstack([found.turns, self.other.angles(rig, clip, times, known).turns]))
 
     def _turned(
         self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None
@@ -100,12 +118,13 @@ class JointAngle:
         return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)
 
     def to_json(self, names: Sequence[str]) -> Json:
-        """The signal as extras store it, by the names of all nodes."""
+        """The signal as extras store it, by the names of all nodes; a joint without an axis is another's."""
         return {
             "joint": names[self.node],
             **({"parent": names[self.parent]} if self.parent >= 0 else {}),
             "rest": stored(self.rest),
-            "axis": stored(self.axis),
+            **({"axis": stored(self.axis)} if self.axis.any() else {}),
+            **({"other": self.other.to_json(names)} if self.other else {}),
         }
 
 
@@ -131,6 +150,7 @@ def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:
     if not rest.any():
         raise ValueError
     parent = data.get("parent")
+    other = read_angle({**data["other"], "axis": _NO_AXIS}, nodes) if "other" in data else None
     return JointAngle(
-        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest)
+        nodes[str(data["joint"])], -1 if parent is None else nodes[str(parent)], axis, unit_quaternions(rest), other
     )

@@ -27,7 +27,8 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
   Weights at shortenings grow with the rest length: they are those of the rows times the length now / `rest_length`.
   Angles may have further rows of weights, `leaning`, for turns about other axes: the share of each is its `towards` · s
   / (`axis` · s), at least 0, in the sum 2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised
-  by a multiple of `null`.
+  by a multiple of `null`. Rows of clips, `paths`, are by the whole turn of the joint, and where another joint folds the
+  surface, too, by its turn as well: see `LeaningTable`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
 - A field has `turns`, joint angles, each with its own rows of weights; its targets are theirs, in their order.
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
@@ -152,7 +153,7 @@ class Drive:
         if self.signal is None:
             return frozenset()
         if isinstance(self.signal, JointAngle):
-            return frozenset({self.signal.node, self.signal.parent} - {-1})
+            return self.signal.nodes
         return frozenset(node for point in self.signal.points for node in point.nodes.tolist())
 
     @property
@@ -286,7 +287,7 @@ class StoredDrive:
         Raises:
             KeyError, TypeError, ValueError: The extras are not what `bake` writes.
         """
-        turns = data.get("turns", [data] if "joint" in data else [])
+        turns = data.get("turns", [data, *([data["other"]] if "other" in data else [])] if "joint" in data else [])
         if turns:
             joints = [joint for each in turns for joint in (each["joint"], each.get("parent")) if joint is not None]
         else:

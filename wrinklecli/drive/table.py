@@ -29,6 +29,8 @@ _FARTHEST = 2.0
 _NEAR = 0.0872
 # Squared distance of turns below which they are the same: rounding of float32 rotations.
 _SAME = 1e-10
+# The key of rows of clips, by the numbers of a turn: those of one joint, or of two, which players of one must not read.
+_PATHS = {3: "paths", 6: "paths_with_other"}
 # Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
 _MOST_INTERVALS = 10_000
 
@@ -140,7 +142,7 @@ class Path:
     """Weights along the turns of a joint in a clip, linear between rows.
 
     Attributes:
-        turns: (rows, 3) turns as `Angles` has them, at least two.
+        turns: (rows, 3 or 6) turns as `Angles` has them, at least two.
         weights: (rows, targets).
     """
 
@@ -148,7 +150,7 @@ class Path:
     weights: Floats
 
     def near(self, turns: Floats) -> tuple[Floats, Floats]:
-        """(frames, rows - 1) shares of the straight parts at (frames, 3) turns, and (frames, targets) sums by these.
+        """(frames, rows - 1) shares of the straight parts at (frames, …) turns, and (frames, targets) sums by these.
 
         A share is greatest on the part itself, and 0 where it is 10° away.
         """
@@ -158,7 +160,7 @@ class Path:
         return shares, there
 
     def projected(self, turns: Floats) -> tuple[Floats, Floats]:
-        """(frames, rows - 1) places from 0 to 1 on the straight parts next to (frames, 3) turns, and squared distances.
+        """(frames, rows - 1) places from 0 to 1 on the straight parts next to (frames, …) turns, and squared distances.
 
         Distances are sines of half of angles.
         """
@@ -219,7 +221,8 @@ class LeaningTable:
         leaning = [{"towards": stored(each), "weights": stored(table, _TABLE_DIGITS)} for each, table in sides]
         null = {} if self.null is None else {"null": stored(self.null)}
         paths = [{"turns": stored(p.turns), "weights": stored(p.weights, _TABLE_DIGITS)} for p in self.paths]
-        return {**self.central.to_json(), "leaning": leaning, **null, **({"paths": paths} if paths else {})}
+        key = _PATHS[max((each.turns.shape[1] for each in self.paths), default=3)]
+        return {**self.central.to_json(), "leaning": leaning, **null, **({key: paths} if paths else {})}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,12 +292,13 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
     null = read_numbers(data["null"], targets) if "null" in data else None
     if by != "angles" or (null is not None and not (null > 0).all()):
         raise ValueError
-    paths = tuple(_read_path(each, targets) for each in data.get("paths", ()))
+    numbers = 6 if "other" in data else 3
+    paths = tuple(_read_path(each, numbers, targets) for each in data.get(_PATHS[numbers], ()))
     return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
 
 
-def _read_path(data: Json, targets: int) -> Path:
-    turns = read_numbers(data["turns"], -1, 3)
+def _read_path(data: Json, numbers: int, targets: int) -> Path:
+    turns = read_numbers(data["turns"], -1, numbers)
     if len(turns) < 2:
         raise ValueError
     return Path(turns, _read_weights(data, len(turns), targets))

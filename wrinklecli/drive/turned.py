@@ -52,7 +52,7 @@ class TurnDrive:
     @property
     def nodes(self) -> frozenset[int]:
         """The nodes whose matrices it needs."""
-        return frozenset(node for signal, _ in self.turns for node in (signal.node, signal.parent)) - {-1}
+        return frozenset[int]().union(*(signal.nodes for signal, _ in self.turns))
 
     def reader(self, rig: Rig, clip: Clip | None) -> "partial[TurnsSeen]":
         """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""

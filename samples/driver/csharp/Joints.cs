@@ -8,25 +8,17 @@ namespace Wrinkles
 {
     using Json = Dictionary<string, object>;
 
-    /// <summary>A fold by the turn of the joint that folds: one whose skin touches and never crosses, or one of a field.</summary>
-    sealed class Fold : Drive
+    /// <summary>How a joint is turned against its parent, from its stored pose.</summary>
+    sealed class Turning
     {
-        /// <summary>Below the first a turn has no axis; shares of `leaning` are held at the second.</summary>
-        const double LeastSine = 1e-5, Farthest = 2;
-        /// <summary>The sine of half of 10°, and the squared distance below which two turns are the same.</summary>
-        const double Near = 0.0872, Same = 1e-10;
+        /// <summary>Below this a turn has no axis.</summary>
+        public const double LeastSine = 1e-5;
         readonly string joint, parent;
         readonly double[][] rest;
-        readonly double[] axis, nothing;
-        readonly Rows[] tables;
-        readonly double[][] towards;
-        // By path, rows of turns, and of weights.
-        readonly double[][][] turns, there;
 
-        public Fold(Json data) : base(data)
+        public Turning(Json data)
         {
             (joint, parent) = ((string)data["joint"], data.TryGetValue("parent", out var above) ? (string)above : null);
-            axis = Read.Numbers(data["axis"]);
             var q = Read.Numbers(data["rest"]);
             var (x, y, z, w) = (q[0], q[1], q[2], q[3]);
             rest = new[]
@@ -35,17 +27,12 @@ namespace Wrinkles
                 new[] { 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w) },
                 new[] { 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y) },
             };
-            var leaning = Read.List(data, "leaning").Cast<Json>().ToList();
-            towards = leaning.Select(each => Read.Numbers(each["towards"])).ToArray();
-            tables = leaning.Prepend(data).Select(each => new Rows(data["angles"], each["weights"])).ToArray();
-            nothing = data.ContainsKey("null") ? Read.Numbers(data["null"]) : null;
-            turns = Read.List(data, "paths").Cast<Json>().Select(each => Read.Rows(each["turns"])).ToArray();
-            there = Read.List(data, "paths").Cast<Json>().Select(each => Read.Rows(each["weights"])).ToArray();
         }
 
-        public override IEnumerable<string> Joints => parent == null ? new[] { joint } : new[] { joint, parent };
+        public string[] Joints => parent == null ? new[] { joint } : new[] { joint, parent };
 
-        public override double[] Weights(Frame frame, Func<string, double> morph)
+        /// <summary>Four times sine and cosine of half the angle, the sine along the axis; and that sine alone.</summary>
+        public (double[] sines, double cosine, double[] turned) At(Frame frame)
         {
             var own = V.Turn(frame.JointMatrix(joint));
             var above = parent == null ? new[] { new[] { 1.0, 0, 0 }, new[] { 0, 1.0, 0 }, new[] { 0, 0, 1.0 } }
@@ -54,10 +41,49 @@ namespace Wrinkles
             var local = above.Select(row => own.Select(column => V.Dot(row, column)).ToArray());
             var d = local.Select(row => rest.Select(each => V.Dot(row, each)).ToArray()).ToArray();
             var sines = new[] { d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1] };
-            var (along, cosine) = (V.Dot(axis, sines), 1 + d[0][0] + d[1][1] + d[2][2]);
+            var cosine = 1 + d[0][0] + d[1][1] + d[2][2];
+            return (sines, cosine, sines.Select(each => each / (2 * Math.Sqrt(Math.Max(cosine, LeastSine * LeastSine)))).ToArray());
+        }
+    }
+
+    /// <summary>A fold by the turn of the joint that folds: one whose skin touches and never crosses, or one of a field.</summary>
+    sealed class Fold : Drive
+    {
+        /// <summary>Shares of `leaning` are held at this sum.</summary>
+        const double Farthest = 2;
+        /// <summary>The sine of half of 10°, and the squared distance below which two turns are the same.</summary>
+        const double Near = 0.0872, Same = 1e-10;
+        readonly Turning own, other;
+        readonly double[] axis, nothing;
+        readonly Rows[] tables;
+        readonly double[][] towards;
+        // By path, rows of turns, and of weights.
+        readonly double[][][] turns, there;
+
+        public Fold(Json data) : base(data)
+        {
+            own = new Turning(data);
+            other = data.TryGetValue("other", out var further) ? new Turning((Json)further) : null;
+            axis = Read.Numbers(data["axis"]);
+            var leaning = Read.List(data, "leaning").Cast<Json>().ToList();
+            towards = leaning.Select(each => Read.Numbers(each["towards"])).ToArray();
+            tables = leaning.Prepend(data).Select(each => new Rows(data["angles"], each["weights"])).ToArray();
+            nothing = data.ContainsKey("null") ? Read.Numbers(data["null"]) : null;
+            // Where another joint folds the surface, too, rows of clips are by the turns of both.
+            var paths = Read.List(data, other == null ? "paths" : "paths_with_other").Cast<Json>().ToList();
+            turns = paths.Select(each => Read.Rows(each["turns"])).ToArray();
+            there = paths.Select(each => Read.Rows(each["weights"])).ToArray();
+        }
+
+        public override IEnumerable<string> Joints => other == null ? own.Joints : own.Joints.Concat(other.Joints);
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            var (sines, cosine, turned) = own.At(frame);
+            var along = V.Dot(axis, sines);
             var angle = 2 * Math.Atan2(along, cosine);
             // Turns about axes that lean from this one: the further towards one of these, the more its weights count.
-            var slanted = Math.Abs(along) > LeastSine ? sines.Select(each => each / along).ToArray() : new double[3];
+            var slanted = Math.Abs(along) > Turning.LeastSine ? sines.Select(each => each / along).ToArray() : new double[3];
             var shares = towards.Select(each => V.Clamp(V.Dot(each, slanted), 0, Farthest)).ToArray();
             var most = Math.Max(shares.Sum(), Farthest);
             shares = shares.Select(share => Farthest * share / most).ToArray();
@@ -66,7 +92,7 @@ namespace Wrinkles
                 Add(sums, tables[j].At(angle), j > 0 ? shares[j - 1] : 1 - shares.Sum());
             // No engine needs weights below 0: multiples of `nothing` move nothing.
             if (nothing != null) Add(sums, nothing, -Math.Min(0, sums.Select((weight, k) => weight / nothing[k]).DefaultIfEmpty().Min()));
-            var turn = sines.Select(each => each / (2 * Math.Sqrt(Math.Max(cosine, LeastSine * LeastSine)))).ToArray();
+            var turn = other == null ? turned : turned.Concat(other.At(frame).turned).ToArray();
             var whole = 1.0;
             for (var path = 0; path < turns.Length; path++)
                 for (var row = 0; row + 1 < turns[path].Length; row++)

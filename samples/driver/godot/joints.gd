@@ -21,7 +21,8 @@ const NONE = [0.0, 0.0, 0.0]
 const UNKNOWN = {"path": null, "beside": NONE, "back": NONE}
 
 
-static func fold(body, data):
+# How a joint is turned from its stored pose: four times sine and cosine of half the angle, the sine along the axis.
+static func _turn(body, data):
 	var q = data["rest"]
 	var x = q[0]
 	var y = q[1]
@@ -42,9 +43,19 @@ static func fold(body, data):
 		var local = [Numbers.dot(row, own[0]), Numbers.dot(row, own[1]), Numbers.dot(row, own[2])]
 		d.append([Numbers.dot(local, rest[0]), Numbers.dot(local, rest[1]), Numbers.dot(local, rest[2])])
 	var sines = [d[2][1] - d[1][2], d[0][2] - d[2][0], d[1][0] - d[0][1]]
+	return [sines, 1.0 + d[0][0] + d[1][1] + d[2][2]]
+
+
+# The sine alone.
+static func _turned(found):
+	return Numbers.times(0.5 / sqrt(Numbers.larger(found[1], LEAST_SINE * LEAST_SINE)), found[0])
+
+
+static func fold(body, data):
+	var found = _turn(body, data)
+	var sines = found[0]
 	var along = Numbers.dot(data["axis"], sines)
-	var cosine = 1.0 + d[0][0] + d[1][1] + d[2][2]
-	var angle = 2.0 * atan2(along, cosine)
+	var angle = 2.0 * atan2(along, found[1])
 	# Turns about axes that lean from this one: the further towards one of these, the more its weights count.
 	var leaning = data.get("leaning", [])
 	var shares = []
@@ -66,9 +77,10 @@ static func fold(body, data):
 		for k in range(sums.size()):
 			least = Numbers.smaller(least, sums[k] / data["null"][k])
 		sums = Numbers.sum(sums, data["null"], -least)
-	var turn = Numbers.times(0.5 / sqrt(Numbers.larger(cosine, LEAST_SINE * LEAST_SINE)), sines)
+	# Where another joint folds the surface, too, rows of clips are by the turns of both.
+	var turn = _turned(found) + (_turned(_turn(body, data["other"])) if data.has("other") else [])
 	var whole = 1.0
-	for path in data.get("paths", []):
+	for path in data.get("paths_with_other", data.get("paths", [])):
 		for k in range(path["turns"].size() - 1):
 			var way = Numbers.sum(path["turns"][k + 1], path["turns"][k], -1.0)
 			var apart = Numbers.sum(turn, path["turns"][k], -1.0)

@@ -116,9 +116,11 @@ func driven():
 
 # The names of the joints that a drive needs.
 static func joints_of(drive):
-	if drive.has("joint"):
-		return [drive["joint"], drive["parent"]] if drive.has("parent") else [drive["joint"]]
 	var found = []
+	if drive.has("joint"):
+		for key in ["joint", "parent"]:
+			found += [drive[key]] if drive.has(key) else []
+		return found + (joints_of(drive["other"]) if drive.has("other") else [])
 	if drive.has("turns"):
 		for turn in drive["turns"]:
 			found += joints_of(turn)

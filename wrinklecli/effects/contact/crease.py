@@ -9,7 +9,8 @@ were never baked.
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import compress
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import Fold
@@ -107,6 +109,7 @@ class Crease:
         largest: Greatest move in the solutions that the shapes are fitted to, scene units.
         swept: The fits to the sweeps: about the joint's own axis, and then as often for each side to which it leans.
         paths: Rows of clips in the table.
+        other: Another joint that folds the surface, by whose turn these rows are looked up, too.
     """
 
     fold: Fold
@@ -115,6 +118,18 @@ class Crease:
     largest: float
     swept: "tuple[Followed, ...]" = ()
     paths: tuple[Path, ...] = ()
+    other: JointAngle | None = None
+
+    @property
+    def signal(self) -> JointAngle | None:
+        """The turns by which weights are looked up; None if no joint bends the fold."""
+        hinge = self.fold.hinge
+        return replace(hinge.signal, other=self.other) if isinstance(hinge, Hinge) else None
+
+    def reading(self, clip: Clip, times: Floats) -> Any:
+        """The measurements at (frames,) seconds of a clip by which weights are looked up."""
+        signal, fold = self.signal, self.fold
+        return fold.hinge.reading(fold.rig, clip, times) if signal is None else signal.angles(fold.rig, clip, times)
 
     @cached_property
     def response(self) -> Table | LeaningTable:
@@ -223,19 +238,37 @@ class Crease:
         """The moves in a clip."""
         return Moves(self.fold.free_vertices, self.shapes, followed.times, followed.weights)
 
-    def with_path(self, followed: "Followed") -> "Crease":
+    def looked_up(self, followed: "Sequence[Followed]", *, scale: float, allowed: float) -> "Crease":
+        """The same fold with rows of clips in its table if these bring what players show nearer to the bake.
+
+        If players are further off than `allowed`, relative to contact's greatest move, another joint may fold the
+        surface, too. Then rows are by the turn of that one as well which brings players nearest.
+        """
+
+        def furthest_off(crease: Crease) -> float:
+            return max((crease.player_error(each, scale=scale).share for each in followed), default=0.0)
+
+        fold, rig, found = self.fold, self.fold.rig, reduce(Crease._with_path, followed, self)
+        if not isinstance(fold.hinge, Hinge) or furthest_off(found) <= allowed:
+            return found
+        acting = fold.fine.skinned(rig, fold.free_vertices).acting
+        joints = [JointAngle.whole(rig, node) for node in np.setdiff1d(rig.joints[acting], [fold.hinge.signal.node])]
+        turns = [[each.angles(rig, clip.clip, clip.times).turns for clip in followed] for each in joints]
+        moving = [any(np.ptp(each, axis=0).max() > _AT_REST for each in every) for every in turns]
+        others = (replace(self, other=joint) for joint in compress(joints, moving))
+        return min([found, *(reduce(Crease._with_path, followed, each) for each in others)], key=furthest_off)
+
+    def _with_path(self, followed: "Followed") -> "Crease":
         """The same fold with rows of a clip in its table if these bring what players show nearer to the bake.
 
         Rows are added where players are furthest off.
         """
-        response, hinge, weights = self.response, self.fold.hinge, followed.weights
+        response, weights = self.response, followed.weights
         largest = float(np.max(self._lengths(weights), initial=0.0))
-        if not isinstance(response, LeaningTable) or not isinstance(hinge, Hinge) or not largest:
+        if not isinstance(response, LeaningTable) or not largest or len(self.paths) >= _MOST_PATHS:
             return self
-        if len(self.paths) >= _MOST_PATHS:
-            return self
-        reading = hinge.reading(self.fold.rig, followed.clip, followed.times)
-        # Nothing touches in the stored pose, whatever other joints do.
+        reading = self.reading(followed.clip, followed.times)
+        # Nothing touches in the stored pose, whatever further joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
         best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), self.paths
@@ -270,8 +303,7 @@ class Crease:
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:
         """(frames, shapes) weights at (frames,) seconds of a clip, from the table alone, as a player finds them."""
-        reading: Any = self.fold.hinge.reading(self.fold.rig, clip, times)
-        return np.asarray(self.response.weights(reading))
+        return np.asarray(self.response.weights(self.reading(clip, times)))
 
 
 # A pose in which contact moves something: seconds of a clip or sweep, and the solution there.

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 SECTION = "folds"
 """The key of extras and report under which folds stand."""
 
-# Error of what players look up, relative to contact's greatest move, from which a line says so: where one joint folds
-# the surface, it is 0.03 to 0.05, and hidden in the fold.
-_MOST_APART = 0.1
+MOST_APART = 0.1
+"""Error of what players look up, relative to contact's greatest move, from which another joint is looked for and a line
+says so. Where one joint folds the surface, it is 0.03 to 0.05, and hidden in the fold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +74,13 @@ def contact_effect(
     shortening if no joint bends the fold. They are 0 in clips that the bake has given up, and where they would be
     further off than none.
     """
-    crease, names = words.crease, tuple(each.name for each in targets)
+    crease, names, signal = words.crease, tuple(each.name for each in targets), words.crease.signal
 
     def written(signed: Floats) -> Floats:
         return basis.weights(signed)[:, list(columns)]
 
-    response, hinge = crease.response.mapped(written, basis.null[list(columns)]), crease.fold.hinge
-    drive = (
-        Drive("", hinge.signal, names, response)
-        if isinstance(hinge, Hinge)
-        else tool_drive(crease.fold.patches[0], names, response)
-    )
+    response = crease.response.mapped(written, basis.null[list(columns)])
+    drive = Drive("", signal, names, response) if signal else tool_drive(crease.fold.patches[0], names, response)
     silent = {name: 0.0 for name, error in words.player_errors.items() if error.silent}
     rows = {name: Rows(each.times, written(each.weights)) for name, each in words.followed.items()}
     drive = replace(drive, strengths={**drive.strengths, **silent}, rows=rows)
@@ -163,13 +159,13 @@ class ContactWords:
             nodes = listed(sorted(crossing))
             parts.append(f"{nodes} goes through itself there: contact leaves that, and what has no room beneath")
         worst = max(self.player_errors, key=lambda clip: self.player_errors[clip].share, default=None)
-        if worst is not None and self.player_errors[worst].share > _MOST_APART:
+        if worst is not None and self.player_errors[worst].share > MOST_APART:
             error = self.player_errors[worst]
             what = (
                 "show none of it" if error.silent else f"are up to {100 * error.share:.0f} % of its greatest move off"
             )
             parts.append(
-                f"contact depends on more than the turn of its joint in {worst!r}, as where other joints fold the"
+                f"contact depends on more than the turns of two joints in {worst!r}, as where others fold the"
                 " surface or skin slides: the baked clip is right, but `track` and players that compute contact"
                 f" {what}, by {error.length:.2g}"
             )

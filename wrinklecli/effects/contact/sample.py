@@ -14,7 +14,14 @@ from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
-from wrinklecli.effects.contact.effect import SECTION, ContactWords, GivenUpWords, NonNegativeBasis, contact_effect
+from wrinklecli.effects.contact.effect import (
+    MOST_APART,
+    SECTION,
+    ContactWords,
+    GivenUpWords,
+    NonNegativeBasis,
+    contact_effect,
+)
 from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, unless_degenerate
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
@@ -332,8 +339,7 @@ def _followed(
     heights = _lowered({first: each.heights for first, each in shown.items()}, clips)
     for number, crease in enumerate(creases):
         own = {first: each.followed[number] for first, each in shown.items()}
-        for each in own.values():
-            crease = crease.with_path(each)
+        crease = crease.looked_up([*own.values()], scale=plan.scale, allowed=MOST_APART)
         errors = {first: crease.player_error(each, scale=plan.scale) for first, each in own.items()}
         remaining = (each.remaining[number] for each in shown.values())
         words = ContactWords(
