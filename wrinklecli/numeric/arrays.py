@@ -308,6 +308,11 @@ def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
     return factor * t * t * (3.0 - 2.0 * t)
 
 
+def ramp(values: Floats, low: float, high: float) -> Floats:
+    """(…) parts of the way from `low`, where it is 0, to `high`, which may be the lower one, and 1 beyond that."""
+    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
+
+
 def significant(value: float, digits: int = 9) -> float:
     """Round a value to some significant decimal digits: nine of them distinguish all float32 values."""
     return float(f"{value:.{digits}g}")

@@ -62,10 +62,7 @@ class BoneLines:
 
     def distances(self, points: Floats) -> Floats:
         """(points,) distances of (points, 3) from the nearest bone."""
-        found = np.full(len(points), np.inf)
-        for ends in zip(self.starts, self.ends, strict=True):
-            found = np.minimum(found, segment_distances(points, np.stack(ends)[None]))
-        return found
+        return bone_distances(points, np.stack([self.starts, self.ends], axis=1))
 
     def nearest(self, point: Floats) -> int:
         """The number of the bone that is nearest to a (3,) point."""
@@ -111,6 +108,14 @@ class SideOfBone:
     def room(self, ground: Ground) -> float:
         """The distance from the bone to the innermost mesh there: the body's, where this mesh is clothing."""
         return _room(ground, self.node, self.foot, self.side, self.depth)
+
+
+def bone_distances(points: Floats, bones: Floats) -> Floats:
+    """(points,) distances to the nearest of (bones, 2, 3) segments."""
+    found = np.full(len(points), np.inf)
+    for bone in bones:
+        found = np.minimum(found, segment_distances(points, bone[None]))
+    return found
 
 
 def below_skin(ground: Ground, place: Floats) -> tuple[str, Floats]:

@@ -1,8 +1,7 @@
 """A region: the part of a surface that an effect deforms, and how finely its triangles must be split."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import ClassVar, Protocol, Self, TypeAlias
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -12,6 +11,9 @@ from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.path import Path
 from wrinklecli.surface.rest import Rest
+
+FACING = (0.2, 0.6)
+"""Cosines of the normals of a vertex and of a region between which displacement fades in."""
 
 Steps: TypeAlias = Callable[[Ints], Floats]
 """Gives numbers for edges with (edges, 2) vertices."""
@@ -29,7 +31,13 @@ class PaintedFactor(Protocol):
 
 
 class Region(Protocol):
-    """The part of a surface at rest that an effect deforms, with u from 0 to 1 along it and v from -1 to 1 across."""
+    """The part of a surface at rest that an effect deforms, with u from 0 to 1 along it and v from -1 to 1 across.
+
+    What is not said otherwise holds where the displacement is smooth: no furrows, no features, and nothing at the whole
+    border.
+    """
+
+    __slots__ = ()
 
     @property
     def members(self) -> Ints:
@@ -38,14 +46,16 @@ class Region(Protocol):
     @property
     def anchors(self) -> Sequence[Anchor]:
         """Points on the surface; joints between two neighbouring anchors bend the region."""
+        return ()
 
     @property
     def path(self) -> Path:
         """The line along its middle at rest, from u = 0 to u = 1."""
 
     @property
-    def at_rest(self) -> "Region":
+    def at_rest(self) -> Self:
         """The region with u and v as if they were found at rest."""
+        return self
 
     @property
     def pose(self) -> Rest:
@@ -58,6 +68,7 @@ class Region(Protocol):
     @property
     def mask(self) -> PaintedFactor | None:
         """A factor on its displacement that is painted."""
+        return None
 
     @property
     def half_width(self) -> float:
@@ -70,10 +81,12 @@ class Region(Protocol):
     @property
     def projected(self) -> bool:
         """True if vertices are projected onto the region in each frame, so that any member may come to lie on it."""
+        return False
 
     @property
     def nominal_height(self) -> float:
         """Greatest displacement at a strength of 1, scene units."""
+        return self.greatest_height
 
     @property
     def greatest_height(self) -> float:
@@ -85,94 +98,42 @@ class Region(Protocol):
     def cosines(self, u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals of the surface in `pose` and the region's normals at (…,) u."""
 
-    def bowed(self, u: Floats, v: Floats) -> Floats:
+    def bowed(self, u: Floats, _v: Floats) -> Floats:
         """(…,) the u at which points on the middle line are displaced as points at (…,) u and v are."""
+        return u
 
-    def stretched(self, u: Floats, v: Floats) -> Floats:
+    def stretched(self, u: Floats, _v: Floats) -> Floats:
         """(…,) a coordinate along which edges of equal length show the displacement equally well."""
+        return u
 
-    def steps(self, mesh: Level | Subdivision) -> Steps | None:
+    def steps(self, _mesh: Level | Subdivision) -> Steps | None:
         """Gives (edges,) lengths of edges of a mesh over an interval, shorter where less of the displacement is left.
 
         None where they are differences of `stretched` u.
         """
-
-    @property
-    def furrows(self) -> Floats:
-        """(furrows,) sorted `stretched` coordinates of sharp furrows, the borders of the region among them, if any."""
-
-    def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) fraction of the full displacement at points, from the cosines of their normals; 0 outside the region."""
-
-    def crests(self, u: Floats, v: Floats) -> Floats:
-        """(triangles, 3) phases of its bumps at corners: k at a foot, k + 1/2 on a crest; NaN where there is none."""
-
-    def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) as `share`, but fading to 0 at both ends of the region too."""
-
-    def left(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats | None:
-        """(vertices,) factors of the displacement near features of the surface; None if there are none.
-
-        (vertices, 3) `places` are world positions in `pose`.
-        """
-
-
-class SmoothRegion(ABC):
-    """Answers of regions whose displacement is smooth: no furrows, no features, and nothing at their whole border."""
-
-    __slots__ = ()
-
-    anchors: ClassVar[Sequence[Anchor]] = ()
-    projected: ClassVar[bool] = False
-    mask: ClassVar[None] = None
-    height: float
-
-    @property
-    def nominal_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
-    @property
-    def greatest_height(self) -> float:
-        """Greatest displacement, scene units."""
-        return self.height
-
-    def bowed(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    def stretched(self, u: Floats, _v: Floats) -> Floats:
-        """(…,) u itself."""
-        return u
-
-    def steps(self, _mesh: Level | Subdivision) -> Steps | None:
-        """None: they are differences of u."""
         return None
 
     @property
     def furrows(self) -> Floats:
-        """None: edges are equally short everywhere."""
+        """(furrows,) sorted `stretched` coordinates of sharp furrows, the borders of the region among them, if any."""
         return np.zeros(0)
 
-    @property
-    def at_rest(self) -> Self:
-        """The region itself."""
-        return self
-
-    @abstractmethod
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) fractions of the greatest displacement."""
+        """(…,) fraction of the full displacement at points, from the cosines of their normals; 0 outside the region."""
 
     def crests(self, u: Floats, _v: Floats) -> Floats:
-        """None: it is one round bump."""
+        """(triangles, 3) phases of its bumps at corners: k at a foot, k + 1/2 on a crest; NaN where there is none."""
         return np.full(np.shape(u), np.nan)
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
-        """(…,) as `share`, which fades in all directions."""
+        """(…,) as `share`, but fading to 0 at both ends of the region too."""
         return self.share(u, v, cosines)
 
     def left(self, _subdivision: Subdivision, _vertices: Ints, _places: Floats) -> Floats | None:
-        """None: no features are looked for."""
+        """(vertices,) factors of the displacement near features of the surface; None if there are none.
+
+        (vertices, 3) `places` are world positions in `pose`.
+        """
         return None
 
 

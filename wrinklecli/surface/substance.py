@@ -18,7 +18,7 @@ from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import AssetError, TooMuchError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, ramp, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.pieces import difference, pieces_of
@@ -357,13 +357,13 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     """Find what colours say of each place."""
     lightness, chroma, hue = swatches.lightness, swatches.chroma, swatches.hue
     skin = _skin_like(swatches)
-    brown = np.exp(-0.5 * ((hue - 56.0) / 20.0) ** 2) * _ramp(chroma, 0.012, 0.03)
-    brown *= _ramp(lightness, _DARK[1] + 0.12, _DARK[0])
+    brown = np.exp(-0.5 * ((hue - 56.0) / 20.0) ** 2) * ramp(chroma, 0.012, 0.03)
+    brown *= ramp(lightness, _DARK[1] + 0.12, _DARK[0])
     # Black is the colour of leather and of cloth: the place decides.
-    black = _ramp(lightness, 0.35, 0.25) * _ramp(chroma, 0.03, 0.015)
+    black = ramp(lightness, 0.35, 0.25) * ramp(chroma, 0.03, 0.015)
     tanned = np.maximum(brown, _EITHER * black)
     if bare is not None:
-        same = _ramp(difference(swatches.colours, bare), *_SAME_SKIN)
+        same = ramp(difference(swatches.colours, bare), *_SAME_SKIN)
         skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
     found: dict[SubstanceKind, Floats] = {
         "skin": _COLOUR * skin.mean(axis=1),
@@ -385,8 +385,8 @@ def _skin_like(swatches: Swatches) -> Floats:
     Haemoglobin and melanin give skin, pale and dark, hues around orange, and never vivid ones.
     """
     hue, chroma = swatches.hue, swatches.chroma
-    of_hue = _ramp(hue, 15.0, 30.0) * _ramp(hue, 88.0, 74.0)
-    return of_hue * _ramp(chroma, 0.012, 0.03) * _ramp(chroma, 0.165, 0.13) * _ramp(swatches.lightness, *_DARK)
+    of_hue = ramp(hue, 15.0, 30.0) * ramp(hue, 88.0, 74.0)
+    return of_hue * ramp(chroma, 0.012, 0.03) * ramp(chroma, 0.165, 0.13) * ramp(swatches.lightness, *_DARK)
 
 
 def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
@@ -440,11 +440,6 @@ def is_animal(rig: Rig) -> bool:
 
 def _swatches(makeup: Makeup, places: Sequence[tuple[Ints, Floats]]) -> Swatches:
     return makeup.pictures.swatches(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts, places)
-
-
-def _ramp(values: Floats, low: float, high: float) -> Floats:
-    """0 at `low`, which may be the greater, and 1 at `high`."""
-    return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
 
 
 def substances_at(ground: Ground) -> Ints:

@@ -95,7 +95,7 @@ class AttachedField(Attached[Field]):
     @property
     def greatest_height(self) -> float:
         """The height of its tallest fold at rest; skinning lowers those on the inner side of a bend."""
-        return self.regions[0].height
+        return self.regions[0].greatest_height
 
     @property
     def bump_width(self) -> float:

@@ -11,7 +11,7 @@ from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.path import Straight
-from wrinklecli.surface.region import SmoothRegion, Steps
+from wrinklecli.surface.region import Region, Steps
 from wrinklecli.surface.rest import Rest
 
 # Height over the wavelength from which on edges are as short as wrinkles ask; they may be longer where it is lower.
@@ -23,13 +23,13 @@ _SLENDER = 1.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FieldRegion(SmoothRegion):
+class FieldRegion(Region):
     """A part of the surface with heights on its vertices, and no coordinates.
 
     Attributes:
         members: (members,) sorted coarse triangles.
         pose: The surface at rest.
-        height: Greatest displacement, scene units.
+        greatest_height: Of the displacement, scene units.
         shares: (vertices,) parts of it in any pose.
         directions: (vertices, 6) those of `Heights`: crests run across the least.
         wavelengths: (vertices,) those of places at rest, scene units.
@@ -39,7 +39,7 @@ class FieldRegion(SmoothRegion):
 
     members: Ints
     pose: Rest
-    height: float
+    greatest_height: float
     shares: Floats
     directions: Floats
     wavelengths: Floats
@@ -82,7 +82,7 @@ class FieldRegion(SmoothRegion):
     def steps(self, mesh: Level | Subdivision) -> Steps:
         """Gives (edges,) lengths across the crests over half a wavelength, shorter where wrinkles are lower."""
         pose = self.pose
-        heights = self.height * self.shares
+        heights = self.greatest_height * self.shares
         coarse = np.column_stack([pose.positions, pose.normals, self.directions, heights, self.wavelengths])
 
         def found(ends: Ints) -> Floats:

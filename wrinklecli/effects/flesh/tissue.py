@@ -17,9 +17,10 @@ from itertools import product
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, smoothstep
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, ramp, smoothstep
 from wrinklecli.numeric.closest import is_inside, nearest_of
 from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes
+from wrinklecli.surface.bones import bone_distances
 
 NODES = 2_400
 """Nodes of a region, about: more of them move the shapes by less than the error of six springs, and take longer."""
@@ -167,28 +168,17 @@ def _places(counts: Ints) -> Ints:
 def _softness(body: Body, place: Place, points: Floats) -> Floats:
     """(points,) softness of tissue: 1 where nothing holds it, 0 at bones and beyond the region."""
     away = np.sqrt(((points - place.at) ** 2).sum(axis=1)) / place.radius
-    soft = 1.0 - smoothstep(np.clip((away - _INNER) / (1.0 - _INNER), 0.0, 1.0))
+    soft = 1.0 - smoothstep(ramp(away, _INNER, 1.0))
     chosen = np.flatnonzero(soft > 0)
     at = points[chosen]
     skin, nearest = nearest_of(body.positions, at)
     if len(body.bones):
         bone = bone_distances(at, body.bones)
         part = bone / np.maximum(bone + skin, 1e-12)
-        soft[chosen] *= smoothstep(np.clip((part - _HELD) / (_LOOSE - _HELD), 0.0, 1.0))
+        soft[chosen] *= smoothstep(ramp(part, _HELD, _LOOSE))
     if place.softness is not None:
         soft[chosen] *= place.softness[nearest]
     return soft
-
-
-def bone_distances(points: Floats, bones: Floats) -> Floats:
-    """(points,) distances to the nearest of (bones, 2, 3) segments."""
-    nearest = np.full(len(points), np.inf)
-    for start, end in bones:
-        along = end - start
-        length = float(along @ along)
-        t = np.clip((points - start) @ along / length, 0.0, 1.0) if length > 0 else np.zeros(len(points))
-        nearest = np.minimum(nearest, np.sqrt(((points - start - t[:, None] * along) ** 2).sum(axis=1)))
-    return nearest
 
 
 def _tissue(body: Body, place: Place, low: Floats, size: float, counts: Ints) -> tuple[Tissue, Bools]:

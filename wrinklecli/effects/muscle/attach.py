@@ -23,7 +23,7 @@ from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Straight
 from wrinklecli.surface.refine import Refinement
-from wrinklecli.surface.region import SmoothRegion
+from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, asked_positions, named_node
 from wrinklecli.tools.body import THICKNESS, ActivationKeys, ActivationMorph, Muscle
 from wrinklecli.tools.records import Marker
@@ -41,19 +41,19 @@ _INTERVALS = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bulge(SmoothRegion):
+class Bulge(Region):
     """The skin above a belly, with u along the muscle or round the limb.
 
     Attributes:
         belly: The muscle.
-        height: Greatest displacement, scene units.
+        greatest_height: Of the displacement, scene units.
         members: (members,) sorted coarse triangles.
         pose: The surface at rest.
         turned: True if u runs round the limb.
     """
 
     belly: Belly
-    height: float
+    greatest_height: float
     members: Ints
     pose: Rest
     turned: bool = False

@@ -13,16 +13,14 @@ import numpy as np
 
 from wrinklecli.effects.muscle.volume import FULLEST, ConstantVolume, flexed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, interpolated, inverses, singular, smoothstep, unit
+from wrinklecli.numeric.arrays import Floats, Ints, interpolated, inverses, ramp, singular, smoothstep, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.region import FACING
 
-# Cosines between a vertex's normal and its direction from the bone, below which nothing and above which all moves, as
-# for wrinkles.
-_FACING = (0.2, 0.6)
-# Distances from the bone, over that of the skin above the belly, up to which all and beyond which nothing moves: limbs
+# Distances from the bone, over that of the skin above the belly, beyond which nothing and up to which all moves: limbs
 # are rarely oval beyond 1.4, and what touches a limb lies behind its skin.
-_NEAR = (1.5, 2.2)
+_NEAR = (2.2, 1.5)
 # Greatest angle round the bone to which the skin follows, radians: 150°, as the other side of a limb has its own
 # muscles.
 _MOST_ANGLE = np.radians(150.0)
@@ -89,10 +87,8 @@ class Belly:
         distances = np.linalg.norm(outward, axis=-1)
         outward = unit(outward)
         angles = np.arccos(np.clip(outward @ self.side, -1.0, 1.0))
-        low, high = _FACING
-        facing = smoothstep(np.clip((np.sum(outward * normals, axis=-1) - low) / (high - low), 0.0, 1.0))
-        near, far = _NEAR
-        close = smoothstep(np.clip((far - distances / self.depth) / (far - near), 0.0, 1.0))
+        facing = smoothstep(ramp(np.sum(outward * normals, axis=-1), *FACING))
+        close = smoothstep(ramp(distances / self.depth, *_NEAR))
         return bell(angles / self.widest) * facing * close
 
 

@@ -9,26 +9,24 @@ import numpy as np
 
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, smoothstep, unit
+from wrinklecli.numeric.arrays import Floats, Ints, ramp, smoothstep, unit
 from wrinklecli.surface.path import Straight
-from wrinklecli.surface.region import SmoothRegion
+from wrinklecli.surface.region import FACING, Region
 from wrinklecli.surface.rest import Rest
 
 # Part of the radius from which on the displacement fades to the disc's border.
 _RIM = 0.85
-# Cosines between the skin's normal and the place's between which it fades in, as for a tool's patch.
-_FACING = (0.2, 0.6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Disc(SmoothRegion):
+class Disc(Region):
     """A disc of skin, with u along an axis of its tangent plane.
 
     Attributes:
         place: Its middle and axes.
         radius: Scene units.
         intervals: Equal intervals along u that triangles must be able to show.
-        height: Greatest displacement along the normals, scene units.
+        greatest_height: Of the displacement along the normals, scene units.
         members: (members,) sorted coarse triangles.
         pose: The surface at rest.
         turned: True if u runs sideways.
@@ -37,7 +35,7 @@ class Disc(SmoothRegion):
     place: Place
     radius: float
     intervals: float
-    height: float
+    greatest_height: float
     members: Ints
     pose: Rest
     turned: bool = False
@@ -77,9 +75,7 @@ class Disc(SmoothRegion):
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the displacement: 1 in the disc, fading at its border and where the skin turns away."""
         apart = np.hypot(2.0 * u - 1.0, v)
-        low, high = _FACING
-        facing = smoothstep(np.clip((cosines - low) / (high - low), 0.0, 1.0))
-        return np.asarray(smoothstep(np.clip((1.0 - apart) / (1.0 - _RIM), 0.0, 1.0)) * facing)
+        return np.asarray(smoothstep(ramp(apart, 1.0, _RIM)) * smoothstep(ramp(cosines, *FACING)))
 
 
 def disc_on(rest: Rest, place: Place, radius: float, intervals: float, height: float, still: Floats) -> Disc:

@@ -17,8 +17,9 @@ import numpy as np
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Floats, interpolated, smoothstep
+from wrinklecli.numeric.arrays import TINY, Floats, interpolated, ramp, smoothstep
 from wrinklecli.numeric.drawn import drawn
+from wrinklecli.surface.region import FACING
 from wrinklecli.tools.body import Touch, TouchWrinkles
 from wrinklecli.tools.records import drawn_from
 
@@ -33,8 +34,6 @@ _WAVES = np.array([2.0, 3.0, 4.0, 5.0, 7.0])
 # Power of the cosine by which rings of a row fade to the sides, which a tip that goes on leaves behind: with 2, an
 # eighth of the height was left a pad behind it.
 _AHEAD = 3
-# Cosines between the skin's normal and the place's between which rings fade in, as for a tool's patch.
-_FACING = (0.2, 0.6)
 # Halvings of an interval by which the part that the tissue takes itself is found.
 _HALVINGS = 40
 
@@ -110,8 +109,7 @@ class Rings:
         """
         distances, angles = place.polar(positions)
         radial = radial_slides(place, slides, positions)
-        low, high = _FACING
-        facing = smoothstep(np.clip((normals @ place.axes[2] - low) / (high - low), 0.0, 1.0))
+        facing = smoothstep(ramp(normals @ place.axes[2], *FACING))
         mean = interpolated(distances, *mean_slides(place, slides, positions, normals, self))[:, 0]
         part = np.sqrt(np.clip(radial / np.maximum(mean, 1e-9), 0.0, 1.0))
         heights = self.heights(distances, angles) * facing * part
@@ -132,7 +130,7 @@ def mean_slides(
     """(furrows,) distances from the middle, and (furrows, 1) mean radial slides there, by a line fitted round each."""
     distances, _ = place.polar(positions)
     radial = radial_slides(place, slides, positions)
-    facing = np.flatnonzero(normals @ place.axes[2] > _FACING[1])
+    facing = np.flatnonzero(normals @ place.axes[2] > FACING[1])
     at = rings.start + rings.length * rings.edges
     width = rings.length / (len(rings.edges) - 1)
     found = np.zeros(len(at))

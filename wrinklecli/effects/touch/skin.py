@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wrinklecli.effects.flesh.tissue import bone_distances
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.numeric.portions import portions
-from wrinklecli.surface.bones import BoneLines
+from wrinklecli.surface.bones import BoneLines, bone_distances
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 

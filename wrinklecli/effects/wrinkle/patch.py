@@ -6,7 +6,7 @@ influence region. Differs: displacement fades where the surface turns away; and 
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -18,18 +18,16 @@ from wrinklecli.effects.wrinkle.lookup import fitting_compressible, group_starts
 from wrinklecli.effects.wrinkle.places import Places, bowed
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, smoothstep
-from wrinklecli.numeric.red_green import Level
+from wrinklecli.numeric.arrays import Floats, Ints, ramp, smoothstep
 from wrinklecli.numeric.subdivide import Subdivision
 from wrinklecli.surface.anchor import Anchor
 from wrinklecli.surface.features import Nearest
 from wrinklecli.surface.mask import Mask
 from wrinklecli.surface.path import Path
+from wrinklecli.surface.region import FACING, Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import WrinkleTool
 
-# Cosines of vertex and patch normal between which displacement fades in.
-_FACING = (0.2, 0.6)
 # Height at which there is hardly any crest, over the tool's.
 _LOW = 0.05
 # Points of a line on each control interval for its length, whose relative error is about 1e-4.
@@ -65,7 +63,7 @@ class Reach:
 
 
 @dataclass(frozen=True, slots=True)
-class Patch(Attached[WrinkleTool]):
+class Patch(Attached[WrinkleTool], Region):
     """A tool attached to a surface at rest.
 
     Attributes:
@@ -127,7 +125,7 @@ class Patch(Attached[WrinkleTool]):
         return self.path.normal
 
     @property
-    def at_rest(self) -> "Patch":
+    def at_rest(self) -> Self:
         """The patch with u and v as if they were found at rest, for surfaces that are only known there."""
         return self if self.laid is self.path else replace(self, laid=self.path)
 
@@ -145,11 +143,9 @@ class Patch(Attached[WrinkleTool]):
         v = found.across / self.half_width
         if found.stretches is None:
             return found.u, v
-        low, high = _UNFOLDED
-        t = np.clip((found.stretches - low) / (high - low), 0.0, 1.0)
-        spread = 1.0 - smoothstep(t, 1.0 - np.abs(v))
+        spread = 1.0 - smoothstep(ramp(found.stretches, *_UNFOLDED), 1.0 - np.abs(v))
         # Beyond the border, not on it.
-        return found.u, np.copysign(spread + np.maximum(low - found.stretches, 0.0), v)
+        return found.u, np.copysign(spread + np.maximum(_UNFOLDED[0] - found.stretches, 0.0), v)
 
     def bowed(self, u: Floats, v: Floats) -> Floats:
         """(…,) where (…,) places of the patch are on the control curve: u, unless crests are bent."""
@@ -206,10 +202,8 @@ class Patch(Attached[WrinkleTool]):
     def factors(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) as `magnitudes`, from the cosines of (…,) vertex normals and the patch's."""
         faded = attenuation(self.tool.attenuation, v)
-        low, high = _FACING
-        t = np.clip((cosines - low) / (high - low), 0.0, 1.0)
         inside = (u >= 0.0) & (u <= 1.0) & (np.abs(v) <= 1.0)
-        return np.where(inside, smoothstep(t, self.shape_strength * faded), 0.0)
+        return np.where(inside, smoothstep(ramp(cosines, *FACING), self.shape_strength * faded), 0.0)
 
     def share(self, u: Floats, v: Floats, cosines: Floats) -> Floats:
         """(…,) fractions of the tool's height at (…,) places: `factors` without strength."""
@@ -231,10 +225,6 @@ class Patch(Attached[WrinkleTool]):
         """
         t = np.clip(np.minimum(u, 1.0 - u) * self.curve.interval_count, 0.0, 1.0)
         return smoothstep(t) * self.share(u, v, cosines)
-
-    def steps(self, _mesh: Level | Subdivision) -> None:
-        """None: they are differences of u."""
-        return
 
     def left(self, subdivision: Subdivision, vertices: Ints, places: Floats) -> Floats | None:
         """(vertices,) factors of the height near features of the surface; None if there are none.
