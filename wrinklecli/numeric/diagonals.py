@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot, face_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot, face_normals
+from wrinklecli.numeric.edges import Edges
 
 # Part of its length by which a diagonal must be shorter: rounding errors turn none.
 _SHORTER = 1e-6
@@ -52,16 +53,12 @@ def _pairs(triangles: Ints) -> tuple[Ints, Ints]:
 
     The vertices go round: an end of the edge, the corner of the second triangle, the other end, that of the first.
     """
-    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, which = distinct(np.sort(sides, axis=1))
-    counts, order = np.bincount(which), np.argsort(which, kind="stable")
-    firsts = (np.cumsum(counts) - counts)[counts == 2]
-    one, other = order[firsts], order[firsts + 1]
+    edges = Edges.of(triangles)
     # Those that wind against each other have no outer side.
-    alike = sides[one, 0] == sides[other, 1]
-    one, other = one[alike], other[alike]
-    quads = [sides[one, 0], triangles[other // 3, (other + 2) % 3], sides[one, 1], triangles[one // 3, (one + 2) % 3]]
-    return np.stack([one // 3, other // 3], axis=1), np.stack(quads, axis=1)
+    one, other = edges.one[edges.way > 0], edges.other[edges.way > 0]
+    starts, ends, beyond = (np.roll(triangles, -turn, axis=1).ravel() for turn in range(3))
+    quads = np.stack([starts[one], beyond[other], ends[one], beyond[one]], axis=1)
+    return np.stack([one // 3, other // 3], axis=1), quads
 
 
 def _apart(gains: Floats, faces: Ints, count: int) -> Bools:

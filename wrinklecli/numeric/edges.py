@@ -6,6 +6,14 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints
 
 
+def numbered_edges(triangles: Ints) -> tuple[Ints, Ints]:
+    """The first two attributes of `Edges`, for (faces, 3) vertices."""
+    following, count = np.roll(triangles, -1, axis=1), int(triangles.max(initial=-1)) + 1
+    keys = np.minimum(triangles, following) * count + np.maximum(triangles, following)
+    edges, of_faces = np.unique(keys.reshape(-1), return_inverse=True)
+    return np.stack(np.divmod(edges, max(count, 1)), axis=1), of_faces.reshape(triangles.shape)
+
+
 @dataclass(frozen=True, slots=True)
 class Edges:
     """The edges of some triangles. A side is a number: three times that of its face, plus 0 to 2.
@@ -31,16 +39,15 @@ class Edges:
     @classmethod
     def of(cls, triangles: Ints) -> "Edges":
         """Find the edges of (faces, 3) vertices."""
-        starts, ends = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
-        count = int(triangles.max(initial=-1)) + 1
-        keys, edges = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_inverse=True)
-        edges, counts = edges.reshape(-1), np.bincount(edges.reshape(-1), minlength=len(keys))
+        vertices, of_faces = numbered_edges(triangles)
+        edges, starts = of_faces.reshape(-1), triangles.reshape(-1)
+        counts = np.bincount(edges, minlength=len(vertices))
         order, pairs = np.argsort(edges, kind="stable"), np.flatnonzero(counts == 2)
         first = np.searchsorted(edges[order], pairs)
         one, other = order[first], order[first + 1]
         return cls(
-            vertices=np.stack(np.divmod(keys, max(count, 1)), axis=1),
-            of_faces=edges.reshape(-1, 3),
+            vertices=vertices,
+            of_faces=of_faces,
             counts=counts,
             pairs=pairs,
             one=one,

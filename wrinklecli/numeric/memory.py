@@ -1,10 +1,12 @@
 """Limits the memory of a command: large arrays are claimed before they are made, and the system limits the process."""
 
+import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from typing import TypeVar
 
 from wrinklecli.errors import TooMuchError
 
@@ -23,11 +25,13 @@ _MARK_BYTES = {b",": 64, b":": 104, b"{": 136, b"[": 56}
 _LARGEST_KEPT = 2**25 - 2**16
 # Bytes that OpenBLAS takes for its buffer, 32 MiB, rounded up.
 _BLAS = 40 * 10**6
-_UNITS = {"KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_UNITS = ("KB", "MB", "GB", "TB")
 _LEAST_MEMORY = 50 * 10**6  # bytes; with less no sample is baked
 
 # What the loader of Linux says of a library for which there is too little memory.
 _UNLOADED = re.compile("cannot map|failed to map|annot allocate")
+Key = TypeVar("Key", bound=Hashable)
+Result = TypeVar("Result")
 _held: list[int] = []  # the sizes to which `held` holds this process, the innermost last
 
 
@@ -61,6 +65,15 @@ class Memory:
                 " raise --max-memory",
                 where=where,
             )
+
+
+def once(known: dict[Key, Result], key: Key, make: Callable[[], Result], most: float = math.inf) -> Result:
+    """The result of a key, made if it is not known; all are forgotten before there would be more than so many."""
+    if key not in known:
+        if len(known) >= most:
+            known.clear()
+        known[key] = make()
+    return known[key]
 
 
 def json_memory(data: bytes) -> int:
@@ -226,7 +239,7 @@ def default_memory() -> int:
 def parse_bytes(text: str, least: int = _LEAST_MEMORY) -> int:
     """Bytes from `500MB` or `4GB`, decimal units; ValueError if the text is no size, or too small, as for any bake."""
     found = re.fullmatch(r"(\d{1,6}(?:\.\d{1,3})?) ?(kB|MB|GB|TB)", text, re.IGNORECASE)
-    size = int(float(found[1]) * _UNITS[found[2].upper()]) if found else 0
+    size = int(float(found[1]) * 1000 ** (1 + _UNITS.index(found[2].upper()))) if found else 0
     if size < least:
         raise ValueError(f"{text!r} is no size from {shown_bytes(least)} up, such as 500MB or 4GB")
     return size

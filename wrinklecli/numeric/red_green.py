@@ -23,6 +23,7 @@ import numpy as np
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
+from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.sparse import Matrix
 
 # Corners 0, 1, 2 of a face and the midpoints 3, 4, 5 of the edges that follow them.
@@ -150,7 +151,7 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
     numbers[vertices] = np.arange(len(vertices))
     barycentrics = np.broadcast_to(np.eye(3), (faces.size, 3, 3))
     return _stage(
-        _level(0, linear, numbers[triangles[faces]], faces, barycentrics, len(vertices)),
+        _level(0, linear, numbers[triangles[faces]], faces, barycentrics),
         codes=faces,
         complete=np.ones(len(vertices), dtype=np.bool_),
         rules=rules,
@@ -258,7 +259,6 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
             corners[:, _RED].reshape(-1, 3),
             np.repeat(level.parents[red], 4),
             barycentrics[:, _RED].reshape(-1, 3, 3),
-            count + len(ends),
         ),
         codes=(4 * stage.codes[red][:, None] + np.arange(4)).reshape(-1),
         complete=np.append(stage.complete, np.ones(len(ends), dtype=np.bool_)) & ~stage.vertices_on(~red),
@@ -337,23 +337,5 @@ class _Older:
         return flags
 
 
-def _level(
-    number: int,
-    linear: Matrix,
-    triangles: Ints,
-    parents: Ints,
-    barycentrics: Floats,
-    vertex_count: int,
-) -> Level:
-    following = np.roll(triangles, -1, axis=1)
-    keys = np.minimum(triangles, following) * vertex_count + np.maximum(triangles, following)
-    edges, triangle_edges = np.unique(keys.reshape(-1), return_inverse=True)
-    return Level(
-        number=number,
-        linear=linear,
-        triangles=triangles,
-        parents=parents,
-        edges=np.stack(np.divmod(edges, max(vertex_count, 1)), axis=1),
-        triangle_edges=triangle_edges.reshape(triangles.shape),
-        barycentrics=barycentrics,
-    )
+def _level(number: int, linear: Matrix, triangles: Ints, parents: Ints, barycentrics: Floats) -> Level:
+    return Level(number, linear, triangles, parents, *numbered_edges(triangles), barycentrics)

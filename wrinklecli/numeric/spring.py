@@ -245,10 +245,7 @@ def _transitions(cosines: Floats, sines: Floats, damping: float) -> Floats:
 
 def _polynomial(powers: Floats, fractions: Floats) -> Floats:
     """(pieces, values) values of (pieces, 5, values) polynomials at (pieces, 1) fractions of the pieces."""
-    value = powers[:, 4]
-    for power in range(3, -1, -1):
-        value = value * fractions + powers[:, power]
-    return value
+    return np.asarray(polynomial.polyval(fractions, powers.transpose(1, 0, 2), tensor=False))
 
 
 def positive(signal: Quartics) -> Quartics:

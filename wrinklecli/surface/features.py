@@ -66,7 +66,7 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     if len(creases) and (hard | sharp)[inner].mean() <= FACETED:
         feature[creases[_long(edges.vertices[creases], rest.positions, least)]] = True
 
-    return Cut(edges.vertices[feature], _parts(surface.triangles[members], edges.vertices[feature]))
+    return Cut(edges.vertices[feature], parts_of(surface.triangles[members], edges.vertices[feature]))
 
 
 def _firsts(triangles: Ints) -> Bools:
@@ -81,7 +81,7 @@ def _firsts(triangles: Ints) -> Bools:
     return first
 
 
-def _parts(triangles: Ints, features: Ints) -> Ints:
+def parts_of(triangles: Ints, features: Ints) -> Ints:
     """(triangles,) the part of each, where (features, 2) edges lie between parts; a vertex alone connects nothing."""
     edges = Edges.of(triangles)
     sides = edges.of_faces.reshape(-1)

@@ -26,10 +26,10 @@ from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
 from wrinklecli.errors import BakeError, listed, nearest
-from wrinklecli.numeric.arrays import Ints, components, face_normals, unit
+from wrinklecli.numeric.arrays import Ints, face_normals, unit
 from wrinklecli.numeric.closest import ROUNDING, meets_box
-from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.surface.anchor import LEAST_SPAN, anchor_at
+from wrinklecli.surface.features import parts_of
 from wrinklecli.surface.path import Path, path_through
 from wrinklecli.surface.rest import Rest, asked_positions, clip_pose, raised_pose
 from wrinklecli.tools.records import RestFrame, RestLengthKeys, RestLengthMorph, WrinkleTool, drawn_from
@@ -255,8 +255,5 @@ def _members(patch: Patch, surface: Surface) -> Ints:
     inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
     if not inside.any():
         raise BakeError("no triangle at its ends faces the patch", where=patch.tool.where)
-    sides = sides_of(surface.triangles[chosen]) @ [len(pose.positions), 1]
-    order = np.argsort(sides, kind="stable")
-    shared = np.flatnonzero(np.diff(sides[order]) == 0)
-    piece = components(np.stack([order[shared], order[shared + 1]], axis=1) // 3, len(chosen))
+    piece = parts_of(surface.triangles[chosen], np.zeros((0, 2), np.intp))
     return np.asarray(chosen[np.isin(piece, piece[inside])])
