@@ -1,6 +1,7 @@
 """The signal of a joint: the angle by which it is turned about an axis, from the stored pose."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, unit_quaternions
+from wrinklecli.numeric.memory import once
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
 _LEAST_SINE = 1e-5
@@ -135,9 +137,7 @@ def angles_of(
     turned = dict[tuple[float, ...], tuple[Floats, Floats, Floats]]()
     for each in signals:
         joint = (each.node, each.parent, *each.rest.tolist())
-        if joint not in turned:
-            turned[joint] = each._turned(rig, clip, times, known)
-        yield each._about(*turned[joint])
+        yield each._about(*once(turned, joint, partial(each._turned, rig, clip, times, known)))
 
 
 def read_angle(data: Json, nodes: Mapping[str, int]) -> JointAngle:

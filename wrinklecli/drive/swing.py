@@ -25,19 +25,21 @@ Differs: each step has a closed form, so springs of any frequency stay stable, a
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
-from typing import Any, ClassVar, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.monotone import divided, slopes
-from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring
 
 GRAVITY = 9.81
@@ -85,7 +87,7 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SwingDrive:
+class SwingDrive(BaseDrive):
     """Springs that follow a joint and set the weights of a region's targets.
 
     Attributes:
@@ -105,8 +107,7 @@ class SwingDrive:
     gravity: Floats
     modes: tuple[Mode, ...]
     targets: tuple[str, ...]
-    own: ClassVar[tuple[str, ...]] = ()
-    measures: ClassVar[bool] = True
+
     _swings: dict[bytes, LimitedSwing] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -125,11 +126,7 @@ class SwingDrive:
 
     def swing(self, rig: Rig, clip: Clip) -> LimitedSwing:
         """Let the springs follow a clip, once. A clip that ends as it begins, in pose and speed, counts as a loop."""
-        if clip.motion not in self._swings:
-            if len(self._swings) >= MOST_KEPT:
-                self._swings.clear()
-            self._swings[clip.motion] = self._followed(rig, clip)
-        return self._swings[clip.motion]
+        return once(self._swings, clip.motion, partial(self._followed, rig, clip), MOST_KEPT)
 
     def _followed(self, rig: Rig, clip: Clip) -> LimitedSwing:
         """Let the springs follow a clip."""
@@ -177,23 +174,6 @@ class SwingDrive:
             return nonnegative(followed.at(times) * shown[:, None])
 
         return read
-
-    def weights(self, _clip: Clip | None, reading: Floats, _response: object = None) -> Floats:
-        """(frames, targets) the weights that are measured."""
-        return reading
-
-    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        read = self.reader(rig, clip)
-        return lambda times: read(times, {})
-
-    def breaks(self, _clip: Clip) -> Floats:
-        """None: springs have no corners."""
-        return np.zeros(0)
-
-    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
-        """Nothing: flesh makes no wrinkles."""
-        return None
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""

@@ -37,6 +37,7 @@ seconds at which the tip lets go. One that travels has its `spacing`, and in `ro
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
+from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
@@ -45,11 +46,12 @@ from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carr
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
+from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.segment import point_json, read_point
 from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants
-from wrinklecli.numeric.piecewise import Signal
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.spring import Spring
 
 # Samples per second of the tip's way, at least; most of a clip; and halvings between two in which a contact begins.
@@ -103,7 +105,7 @@ class TouchPlace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TouchDrive:
+class TouchDrive(BaseDrive):
     """A tip that slides the skin of one place, or of a row of places.
 
     Attributes:
@@ -139,8 +141,6 @@ class TouchDrive:
     spacing: float = 0.0
     _strokes: dict[bytes, tuple[Floats, ...]] = field(default_factory=dict, init=False, repr=False)
 
-    own: ClassVar[tuple[str, ...]] = ()
-    measures: ClassVar[bool] = True
     bent: ClassVar[int] = 8
     """Targets behind those of the rings, if a joint bends the skin."""
 
@@ -222,11 +222,7 @@ class TouchDrive:
             return (np.pad(self.keys[clip.name], ((0, 0), (0, 1))),)
         if self.tip is None:
             return ()
-        if clip.motion not in self._strokes:
-            if len(self._strokes) >= MOST_KEPT:
-                self._strokes.clear()
-            self._strokes[clip.motion] = self._touched(rig, clip)
-        return self._strokes[clip.motion]
+        return once(self._strokes, clip.motion, partial(self._touched, rig, clip), MOST_KEPT)
 
     def ends_in(self, rig: Rig, clips: Sequence[Clip]) -> dict[str, Floats]:
         """The sorted seconds at which the node lets go, by each clip in which it touches."""
@@ -370,22 +366,9 @@ class TouchDrive:
             self._released(strokes, times), self.bends_in(rig, clip, times)
         )
 
-    def weights(self, _clip: Clip | None, reading: Floats, _response: object = None) -> Floats:
-        """(frames, targets) the weights that are measured."""
-        return reading
-
-    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        read = self.reader(rig, clip)
-        return lambda times: read(times, {})
-
     def breaks(self, clip: Clip) -> Floats:
         """(times,) seconds at which a clip keys the touch."""
         return self.keys[clip.name][:, 0] if clip.name in self.keys else np.zeros(0)
-
-    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
-        """Nothing: a touch says for itself when it acts."""
-        return None
 
     def to_json(self, names: Sequence[str], morph_names: Sequence[str]) -> Json:
         """The drive as extras store it, by the names of all nodes and of the rig's morph targets."""

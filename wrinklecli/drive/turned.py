@@ -3,18 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle, angles_of, read_angle
+from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.stored import Json, read_strengths, strengths_json
 from wrinklecli.drive.table import Table, Weights, read_table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
-from wrinklecli.numeric.piecewise import Signal
 
 
 class TurnsSeen(NamedTuple):
@@ -29,7 +29,7 @@ class TurnsSeen(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TurnDrive:
+class TurnDrive(BaseDrive):
     """Turns of joints that give the weights of morph targets.
 
     Attributes:
@@ -45,9 +45,6 @@ class TurnDrive:
     targets: tuple[str, ...]
     strengths: Mapping[str, float] = field(default_factory=dict)
     strength: float = 1.0
-
-    own: ClassVar[tuple[str, ...]] = ()
-    measures: ClassVar[bool] = True
 
     @property
     def nodes(self) -> frozenset[int]:
@@ -66,14 +63,6 @@ class TurnDrive:
         strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
         tables = [table.weights(seen) for (_, table), seen in zip(self.turns, reading.angles, strict=True)]
         return np.asarray(strength * np.concatenate(tables, axis=1))
-
-    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        return lambda times: self.weights(clip, self._read(rig, clip, times, {}))
-
-    def breaks(self, _clip: Clip) -> Floats:
-        """None besides the clip's own keys."""
-        return np.zeros(0)
 
     def why_flat(self, _rig: Rig, clip: Clip, _times: Floats) -> str:
         """Why a field makes no wrinkle in a clip."""
