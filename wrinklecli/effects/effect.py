@@ -119,6 +119,11 @@ class MeshPlan:
     unread: tuple[str, ...]
 
     @property
+    def attributes(self) -> int:
+        """The attributes of a morph target: POSITION, and NORMAL if the mesh has it."""
+        return 1 + self.has_normals
+
+    @property
     def parts(self) -> "list[Part]":
         """The effects, as far as they are known before clips are sampled."""
         return [part for layer in self.layers for part in layer.parts]

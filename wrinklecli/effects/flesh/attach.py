@@ -307,9 +307,7 @@ def _bones(ground: Ground) -> Floats:
     }
     bones = [(place, place) for place in places.values()]
     for node, place in places.items():
-        above = int(rig.parents[node])
-        while above >= 0 and above not in places:
-            above = int(rig.parents[above])
+        above = rig.next_above(node, places)
         if above >= 0:
             bones.append((places[above], place))
     return np.array(bones).reshape(-1, 2, 3)

@@ -4,13 +4,13 @@ A solution depends on the region's geometry alone, so a change of frequency, dam
 """
 
 import json
-from collections import OrderedDict
 
 import numpy as np
 
 from wrinklecli.effects.flesh.tissue import Body, Place, Swings, solution_key, solve
 from wrinklecli.effects.kept import keep, kept_solution
 from wrinklecli.numeric.elements import Tissue
+from wrinklecli.numeric.memory import once
 
 # Regions whose shapes this process keeps.
 _MOST = 16
@@ -21,7 +21,7 @@ _ARRAYS = {"low": "f8", "values": "f8", "loads": "f8", "speeds": "f8", "nodes": 
            "stiffnesses": "f8", "fixed": "?"}  # fmt: skip
 
 
-_kept: "OrderedDict[str, Swings]" = OrderedDict()
+_kept: dict[str, Swings] = {}
 
 
 def swings_of(body: Body, place: Place, count: int) -> Swings:
@@ -31,16 +31,15 @@ def swings_of(body: Body, place: Place, count: int) -> Swings:
         NoFleshError: Nothing of the region can move.
     """
     key = solution_key(body, place, count)
-    if key not in _kept:
+
+    def found() -> Swings:
         swings = kept_solution(key, lambda data: _read(data, count), what="a solution of this region", most=_MOST_BYTES)
         if swings is None:
             swings = solve(body, place, count)
             keep(key, lambda: _written(swings))
-        _kept[key] = swings
-        if len(_kept) > _MOST:
-            _kept.popitem(last=False)
-    _kept.move_to_end(key)
-    return _kept[key]
+        return swings
+
+    return once(_kept, key, found, _MOST)
 
 
 def _written(swings: Swings) -> bytes:

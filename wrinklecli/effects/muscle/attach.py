@@ -13,7 +13,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.attached import Attached, Moves
-from wrinklecli.effects.muscle.shapes import Belly, RefinedSkin, bell, displaced, spindle, travelling
+from wrinklecli.effects.muscle.shapes import Belly, Skin, bell, displaced, spindle, travelling
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
@@ -178,7 +178,8 @@ class AttachedMuscle(Attached[Muscle]):
 
     def _refined(self, fine: Refinement) -> Floats:
         """(targets, vertices, 3) displacements of the refined surface at weight 1, bind space."""
-        return _with_lows(displaced(self.belly, self.response, RefinedSkin(fine))[0], self.response.lows)
+        skin = Skin(fine.rest_positions, fine.blended, fine.rest_normals_at)
+        return _with_lows(displaced(self.belly, self.response, skin)[0], self.response.lows)
 
 
 def attach_muscles(
@@ -246,7 +247,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         side=found.side,
     )
     response = ConstantVolume(span, tendons, *_modes(muscle))
-    deltas, heights = displaced(belly, response, ground.rest)
+    deltas, heights = displaced(belly, response, Skin(rest.positions, rest.blended, rest.normals_at))
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
     segment = Segment(
@@ -285,9 +286,8 @@ def _carrying_node(muscle: Muscle, number: int, place: Floats, rig: Rig, bones: 
     if isinstance(point, tuple):
         return bones.nodes[bones.nearest(place)]
     node = named_node(rig, muscle, number)
-    if isinstance(point, Marker):
-        while node >= 0 and node not in joints:
-            node = int(rig.parents[node])
+    if isinstance(point, Marker) and node not in joints:
+        node = rig.next_above(node, joints)
     return node if node >= 0 else bones.nodes[bones.nearest(place)]
 
 

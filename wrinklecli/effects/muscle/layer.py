@@ -89,23 +89,14 @@ class MuscleWords(BodyWords[AttachedMuscle]):
         lengths = state.distances[state.active]
         response = self.attached.response
         gains = np.round(response.thicknesses(lengths) - 1.0, _DIGITS) + 0.0
-        bulge, volumes = gains * self._height_of_thickness, gains * self._volume_of_thickness
+        # The height and the volume of one more thickness.
+        bulge, volumes = (gains * (each / float(response.gains[-1])) for each in (self.height, self.gained))
         return {
             "name": self.name,
             "length": [significant(float(end / response.rest_length)) for end in (lengths.min(), lengths.max())],
             "bulge": [significant(float(end)) for end in (bulge.min(), bulge.max())],
             "volume_gained": significant(float(volumes.max())),
         }
-
-    @property
-    def _height_of_thickness(self) -> float:
-        """The largest move of the skin for one more thickness, scene units."""
-        return self.height / float(self.attached.response.gains[-1])
-
-    @property
-    def _volume_of_thickness(self) -> float:
-        """The volume that the skin gains for one more thickness, cubic scene units."""
-        return self.gained / float(self.attached.response.gains[-1])
 
     def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""

@@ -7,7 +7,8 @@ that is much farther from the bone than the skin above the belly, as that of oth
 part of the way to skin that it faces.
 """
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from wrinklecli.effects.muscle.volume import FULLEST, ConstantVolume, flexed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, interpolated, inverses, ramp, singular, smoothstep, unit
 from wrinklecli.numeric.portions import portions
-from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.region import FACING
 
 # Distances from the bone, over that of the skin above the belly, beyond which nothing and up to which all moves: limbs
@@ -139,40 +139,18 @@ def heights_along(belly: Belly, knots: Floats, gains: Floats, along: Floats) -> 
     return belly.thickness * (gains[:, None] * np.reshape(profiles, (-1, len(along))))
 
 
-class Skin(Protocol):
-    """A surface at rest, coarse or refined."""
+class Skin(NamedTuple):
+    """A surface at rest, coarse or refined.
 
-    @property
-    def positions(self) -> Floats:
-        """(vertices, 3) world space."""
+    Attributes:
+        positions: (vertices, 3) world space.
+        blended: (vertices, 3, 4) bind to world space.
+        normals_at: Gives (chosen, 3) unit normals of (chosen,) vertices, world space.
+    """
 
-    @property
-    def blended(self) -> Floats:
-        """(vertices, 3, 4) bind to world space, or its first three columns."""
-
-    def normals_at(self, vertices: Ints) -> Floats:
-        """(chosen, 3) unit normals, world space."""
-
-
-@dataclass(frozen=True, slots=True)
-class RefinedSkin:
-    """A refined surface at rest."""
-
-    fine: Refinement
-
-    @property
-    def positions(self) -> Floats:
-        """(vertices, 3) world space."""
-        return self.fine.rest_positions
-
-    @property
-    def blended(self) -> Floats:
-        """(vertices, 3, 4) bind to world space."""
-        return self.fine.blended
-
-    def normals_at(self, vertices: Ints) -> Floats:
-        """(chosen, 3) unit normals, world space."""
-        return self.fine.rest_normals_at(vertices)
+    positions: Floats
+    blended: Floats
+    normals_at: Callable[[Ints], Floats]
 
 
 def displaced(belly: Belly, response: ConstantVolume, skin: Skin) -> tuple[Floats, Floats]:
