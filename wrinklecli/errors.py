@@ -94,7 +94,7 @@ class AssetError(WrinkleError):
     """The glTF asset is at fault."""
 
 
-class TooMuchError(AssetError):
+class TooMuchError(WrinkleError):
     """A command would take more memory than `--max-memory` allows."""
 
 

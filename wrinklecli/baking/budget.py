@@ -118,7 +118,7 @@ def texture_bytes(plan: MeshPlan, targets: int) -> int:
 
 def texel_bytes(plan: MeshPlan, vertices: int) -> int:
     """GPU memory of so many vertices of morph targets, bytes."""
-    return vertices * _attributes(plan) * TEXEL_BYTES
+    return vertices * plan.attributes * TEXEL_BYTES
 
 
 def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
@@ -131,11 +131,6 @@ def mesh_texture_bytes(gltf: Json, mesh: Json) -> int:
         for primitive in mesh["primitives"]
         for targets in (primitive.get("targets", []),)
     )
-
-
-def _attributes(plan: MeshPlan) -> int:
-    """Attributes of a target."""
-    return 2 if plan.has_normals else 1
 
 
 def fit_budget(
@@ -199,7 +194,7 @@ def fit_budget(
         )
     found["targets"] = len(plan.rig.own.morph_names) + len(targets_of(effects))
     found["active"] = max((int(_active(plan, motion)[0].sum()) for motion in motions), default=0)
-    found["active_attributes"] = found["active"] * _attributes(plan)
+    found["active_attributes"] = found["active"] * plan.attributes
     return effects, motions, found
 
 

@@ -11,6 +11,7 @@ from wrinklecli.baking.morphs import add_idle_targets
 from wrinklecli.character.anims import NamedNodes
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, morph_target_names, moving_nodes, read_rig
+from wrinklecli.character.weight_track import by_names
 from wrinklecli.drive.drive import AnyDrive, StoredDrive
 from wrinklecli.drive.play import Playing, play_grid, play_keys
 from wrinklecli.errors import AssetError, listed, nearest
@@ -144,14 +145,9 @@ def with_own_weights(clip: Clip, node: int, body: BakedBody, there: Sequence[str
     channel = clip.channel(node, "weights")
     if channel is None:
         return clip
-    values = np.zeros((*channel.values.shape[:-1], len(body.kept)))
-    points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
-    points[:] = body.stored(body.kept)
     if there is None:
         there = body.targets if channel.values.shape[-1] == len(body.targets) else body.original
-    for column, name in enumerate(body.kept):
-        if name in there:
-            values[..., column] = channel.values[..., there.index(name)]
+    values = by_names(channel.values, there, body.kept, body.stored(body.kept))
     kept = (replace(channel, values=values),) if body.kept else ()
     return replace(clip, channels=tuple(c for c in clip.channels if c is not channel) + kept)
 

@@ -39,14 +39,14 @@ def refuse_too_much(job: Job, plan: MeshPlan, clips: Sequence[Clip], out: str | 
         dense = storage(options.engine, options.accessors) == "dense"
         size = morph_target_bytes(plan, moved, dense=dense)
         what = f"{len(moved):,} {'dense ' if dense else ''}morph targets of {vertices:,} vertices"
-        memory.check(size, what, where=_where(plan))
+        memory.check(size, what, where=plan.rig.node_name)
     if out is not None and options.mode == "frames" and not out.lower().endswith(".gltf"):
-        size = frames * vertices * _vectors(plan) * _VECTOR
+        size = frames * vertices * plan.attributes * _VECTOR
         if size > GLB_LIMIT:
             raise BakeError(
                 f"{frames:,} frames of {vertices:,} vertices would be {shown_bytes(size)}, and a .glb holds 4 GiB: use"
                 " --frames-dir, a .gltf, or a lower --fps",
-                where=_where(plan),
+                where=plan.rig.node_name,
             )
 
 
@@ -70,11 +70,11 @@ def refuse_many_samples(job: Job, plan: MeshPlan, clips: Sequence[Clip]) -> int:
             f"{vertices:,} vertices under tools with attachment: patch are projected in each of {frames:,} frames,"
             f" {vertices * frames:,} in all, and {_MOST_PROJECTED:,} may be, which take a quarter of an hour: use"
             " attachment: skin, fewer clips at once or a lower fps",
-            where=_where(plan),
+            where=plan.rig.node_name,
         )
     numbers = sum(each.sampled_numbers for each in plan.layers)
     what = f"{frames:,} samples of {counted(len(plan.parts), 'tool')}"
-    job.document.memory.check(_SAMPLED * numbers * frames, what, where=_where(plan))
+    job.document.memory.check(_SAMPLED * numbers * frames, what, where=plan.rig.node_name)
     return frames
 
 
@@ -88,7 +88,7 @@ def refuse_many_frames(plan: MeshPlan, clips: Sequence[Clip], *, fps: float) -> 
     if frames > _MOST_FRAMES:
         raise BakeError(
             f"{len(clips)} clips have {frames:.6g} frames at {fps:.6g} per second; at once {_MOST_FRAMES:,} may be",
-            where=_where(plan),
+            where=plan.rig.node_name,
         )
 
 
@@ -104,14 +104,5 @@ def target_sizes(plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Mem
 def morph_target_bytes(plan: MeshPlan, moved: Sequence[int], *, dense: bool) -> int:
     """Bytes in the file of morph targets, from the number of welded vertices that each moves."""
     if dense:
-        return len(moved) * len(plan.fine.weld) * _vectors(plan) * _VECTOR
-    return sum(moved) * _vectors(plan) * (_VECTOR + _INDEX)
-
-
-def _where(plan: MeshPlan) -> str:
-    return plan.rig.node_name
-
-
-def _vectors(plan: MeshPlan) -> int:
-    """Vectors of a vertex: POSITION, and NORMAL if the mesh has it."""
-    return 1 + plan.has_normals
+        return len(moved) * len(plan.fine.weld) * plan.attributes * _VECTOR
+    return sum(moved) * plan.attributes * (_VECTOR + _INDEX)

@@ -173,9 +173,7 @@ def _frame_mesh(edited: EditedDocument, template: Json, posed: PosedFrame, bound
 
 def _add_root(edited: EditedDocument, rig: Rig, node: int) -> None:
     """Put a node at the root of every scene that shows the rig's node, as frames are in world space."""
-    root = rig.node
-    while rig.parents[root] >= 0:
-        root = int(rig.parents[root])
+    *_, root = rig.upwards(rig.node)
     for scene in edited.gltf.get("scenes", []):
         if root in scene.get("nodes", []):
             scene["nodes"].append(node)

@@ -4,6 +4,7 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors), §3.11
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.unpack import unpack
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, distinct_values
+from wrinklecli.numeric.memory import once
 from wrinklecli.surface.refine import Refinement
 
 
@@ -85,8 +87,7 @@ def encode_morphs(
         node = edited.gltf["nodes"][rig.node]
         names = [*rig.morph_names, *(each.name for each in targets)]
         add_idle_targets(edited, node, names, rig.morph_names)
-        if "weights" in node or stored.any():
-            node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
+        _store_weights(node, rig, stored)
     else:
         groups = shared_vertices(edited.source, rig.mesh, plan.fine)
         encode_mesh(edited, rig, plan.fine, targets, stored=stored, tangents=tangents, groups=groups)
@@ -177,6 +178,11 @@ def encode_mesh(
     _name_targets(mesh, old_names + [target.name for target in targets])
     # VTK plays no target of a mesh without weights.
     mesh["weights"] = mesh.get("weights", [0.0] * len(old_names))[: len(old_names)] + [0.0] * len(targets)
+    _store_weights(node, rig, stored)
+
+
+def _store_weights(node: Json, rig: Rig, stored: Floats) -> None:
+    """Give a node the weights of its old targets and (new targets,) those of new ones, if it had any or needs them."""
     if "weights" in node or stored.any():
         node["weights"] = [float(each) for each in rig.morph_weights] + [float(np.float32(each)) for each in stored]
 
@@ -271,9 +277,8 @@ def _add_targets(
         added.append({})
         for name, (vertices, deltas) in _target_deltas(each.shape, refined, copies, base, smooth).items():
             key = ("added", number, name, refined.group if name == "POSITION" else base.key)
-            if key not in written:
-                written[key] = edited.add_deltas(vertices, deltas, count=count, bounds=name == "POSITION")
-            added[-1][name] = written[key]
+            add = partial(edited.add_deltas, vertices, deltas, count=count, bounds=name == "POSITION")
+            added[-1][name] = once(written, key, add)
     nothing = np.zeros(0, np.intp), np.zeros((0, 3))
     old = [
         target | {name: edited.add_deltas(*nothing, count=count) for name in base.names if name not in target}

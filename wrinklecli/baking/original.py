@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.drive.drive import wrinkle_entry
-from wrinklecli.errors import AssetError, BakeError, TooMuchError
+from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.animated import check_channels
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
@@ -243,8 +243,6 @@ def original(document: Document) -> Document:
         where = document.where("nodes", nodes[0], "extras", "wrinkle")
         try:
             document = _restored(document, _read_record(document, nodes, where))
-        except TooMuchError:
-            raise
         except (
             AssetError,
             ArithmeticError,

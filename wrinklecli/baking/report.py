@@ -16,7 +16,7 @@ from wrinklecli.effects.plan import mesh_warnings, track_warnings
 from wrinklecli.errors import counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, significant
+from wrinklecli.numeric.arrays import significant
 
 VERSION = 1
 
@@ -135,8 +135,17 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
     """
     warnings, notes = list(job.warnings), list(job.notes)
     for mesh in baked:
-        notes += _joint_notes(job, mesh.joint_names)
-        warnings += _joint_warnings(job, mesh.joint_names)
+        names = mesh.joint_names
+        if names.given:
+            notes.append(
+                f"{job.document.path}: {counted(len(names.given), 'joint')} of tools had no name; players look joints"
+                f" up by name, so they are now named {listed(names.given)}"
+            )
+        if names.shared:
+            warnings.append(
+                f"{job.document.path}: several nodes are named {listed(names.shared)}; `track` and players that drive"
+                " wrinkles look joints up by name, and may take another one; name them apart"
+            )
         clips = [motion.clip for motion in mesh.motions]
         warnings += mesh_warnings(mesh.plan, job.settings, clips)
         warnings += track_warnings(mesh.plan, clips) if tracks else ()
@@ -182,24 +191,6 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
     )
 
 
-def _joint_notes(job: Job, names: JointNames) -> Iterator[str]:
-    """A line if joints have got names."""
-    if names.given:
-        yield (
-            f"{job.document.path}: {counted(len(names.given), 'joint')} of tools had no name; players look joints up by"
-            f" name, so they are now named {listed(names.given)}"
-        )
-
-
-def _joint_warnings(job: Job, names: JointNames) -> Iterator[str]:
-    """A line if joints are not the only ones of their names."""
-    if names.shared:
-        yield (
-            f"{job.document.path}: several nodes are named {listed(names.shared)}; `track` and players that drive"
-            " wrinkles look joints up by name, and may take another one; name them apart"
-        )
-
-
 def _three_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
     """Lines on weights of a node that three.js gives to other meshes too, or does not play.
 
@@ -208,7 +199,7 @@ def _three_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
     document, where = job.document, rig.node_name
     nodes, meshes = document.items("nodes"), document.items("meshes")
     with_targets = (k for k, node in enumerate(nodes) if "mesh" in node and morph_target_names(meshes[node["mesh"]]))
-    below = [rig.names[node] for node in with_targets if rig.node in _above(rig, node)]
+    below = [rig.names[node] for node in with_targets if rig.node in rig.upwards(int(rig.parents[node]))]
     if below and any(clip.channel(rig.node, "weights") is None for clip in clips):
         yield (
             f"{where}: three.js before 0.184 gives its new weights to the morph targets of"
@@ -223,12 +214,6 @@ def _three_warnings(job: Job, rig: Rig, clips: Sequence[Clip]) -> Iterator[str]:
             f"{where}: three.js since 0.184 plays no weights of several primitives on a node with a camera or light;"
             f" {_OWN_NODE}"
         )
-
-
-def _above(rig: Rig, node: int) -> Iterator[int]:
-    """The nodes above a node."""
-    while (node := int(rig.parents[node])) >= 0:
-        yield node
 
 
 def _describe_mesh(mesh: BakedMesh, mode: Mode) -> Json:
@@ -264,8 +249,14 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
     clips: dict[str, Json] = {}
     for mesh in baked:
         for motion in mesh.motions:
-            times = motion.times if details else motion.times[:0]
-            entry = clips.setdefault(motion.clip.name, _describe_clip(motion.clip, times))
+            head = {
+                "name": motion.clip.name,
+                "start": significant(motion.clip.start),
+                "end": significant(motion.clip.end),
+                "times": [significant(each) for each in motion.times] if details else [],
+                "tools": [],
+            }
+            entry = clips.setdefault(motion.clip.name, head)
             entry["keys"] = entry.get("keys", 0) + len(motion.keys)
             if motion.clip.name in mesh.residuals:
                 # The distance of the written file from the method in one clip, except in gaps that are too short for a
@@ -284,14 +275,3 @@ def _describe_clips(baked: Sequence[BakedMesh], *, details: bool) -> list[Json]:
                 if described is not None:
                     clips[motion.clip.name].setdefault(effect.section, []).append(described)
     return list(clips.values())
-
-
-def _describe_clip(clip: Clip, times: Floats) -> Json:
-    """The head of a clip's entry."""
-    return {
-        "name": clip.name,
-        "start": significant(clip.start),
-        "end": significant(clip.end),
-        "times": [significant(each) for each in times],
-        "tools": [],
-    }

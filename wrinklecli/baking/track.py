@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.baking.baked_body import BakedBody, BakedPart, count_named, read_bodies, wrinkle_targets
+from wrinklecli.baking.baked_body import BakedBody, count_named, read_bodies, wrinkle_targets
 from wrinklecli.baking.driven_body import (
     DrivenBody,
     joints_of,
@@ -27,11 +27,11 @@ from wrinklecli.baking.morphs import encode_track
 from wrinklecli.character.anims import NamedNodes, matched_without_prefixes
 from wrinklecli.character.clip import Clip, read_clips
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS
-from wrinklecli.character.weight_track import Track, pad, widen
+from wrinklecli.character.weight_track import by_names, pad, widen
 from wrinklecli.choices import FPS
 from wrinklecli.drive.drive import StoredDrive
 from wrinklecli.drive.table import TABLE_ERROR
-from wrinklecli.errors import AssetError, BakeError, counted, listed, log_findings, refuse_warnings
+from wrinklecli.errors import AssetError, BakeError, TooMuchError, counted, listed, log_findings, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Channels, forget_pointers
@@ -301,7 +301,8 @@ def track_body(
             made = pad(channel, driven.stored)
         for part, place in ((body.parts[0], node), *others):
             if part.targets:
-                encode_track(edited, source, place, _track_of(part, made, every))
+                values = by_names(made.values, every, part.targets, part.stored)
+                encode_track(edited, source, place, replace(made, values=values))
     for clip in clips if follow else ():
         for _, place in others:
             _follow(edited, clip, node, place)
@@ -319,18 +320,6 @@ def _follow(edited: EditedDocument, clip: Clip, node: int, part: int) -> None:
             channels.append({"sampler": own[-1], "target": {"node": part, "path": path}})
 
 
-def _track_of(part: BakedPart, made: Track, names: Sequence[str]) -> Track:
-    """The weights of a part's morph targets from those of `names`; targets without one stay as stored."""
-    values = np.zeros((*made.values.shape[:-1], len(part.targets)))
-    points = values if values.ndim == 2 else values[:, 1]  # of a cubic, between its tangents
-    for column, name in enumerate(part.targets):
-        if name in names:
-            values[..., column] = made.values[..., names.index(name)]
-        else:
-            points[:, column] = part.stored[column]
-    return Track(made.times, values, made.interpolation)
-
-
 def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Document, list[str]]:
     """Let the drives of baked bodies set their weights in the clips of these names, unless a clip sets these itself.
 
@@ -342,7 +331,7 @@ def with_driven_weights(document: Document, clips: Collection[str]) -> tuple[Doc
         return document, []
     try:
         bodies = read_bodies(document)
-    except AssetError as error:
+    except (AssetError, TooMuchError) as error:
         return document, [f"{line}: its wrinkles stay as stored" for line in error.lines]
     edited, warnings, defaults = EditedDocument(document), [], TrackOptions()
     nodes = NamedNodes.of(document.items("nodes"))

@@ -16,7 +16,7 @@ import wrinklecli
 from wrinklecli.batching import stores
 from wrinklecli.batching.jobs import OPEN_FOLDERS, BatchJob, References, uris_beside
 from wrinklecli.batching.manifest_schema import OPTION_KEYS
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.gltf.files import path_beside, references
 from wrinklecli.tools.yaml_tree import MAX_BYTES, read_tree
 
@@ -106,7 +106,7 @@ def _digests(
         place = path_beside(path, uri, external=external)
         try:
             digests[uri] = _digest(place) if place else _MISSING
-        except AssetError:
+        except (AssetError, TooMuchError):
             digests[uri] = _MISSING
     return digests
 

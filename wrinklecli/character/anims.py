@@ -8,10 +8,9 @@ from dataclasses import replace
 from itertools import chain, count
 from pathlib import Path
 
-import numpy as np
-
 from wrinklecli.character.clip import Channel, Clip, read_clips
 from wrinklecli.character.rig import morph_target_names, read_rig
+from wrinklecli.character.weight_track import by_names
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -273,10 +272,6 @@ def _weights(
     The node's morph targets have `names` and `stored` weights, which targets without a namesake keep. Gives None if no
     target has a namesake.
     """
-    columns = {number: theirs.index(name) for number, name in enumerate(names) if name in theirs}
-    if not columns:
+    if not set(names) & set(theirs):
         return None
-    made = replace(channel, node=node, values=np.zeros((*channel.values.shape[:-1], len(names))))
-    made.points[:] = stored
-    made.values[..., list(columns)] = channel.values[..., list(columns.values())]
-    return made
+    return replace(channel, node=node, values=by_names(channel.values, theirs, names, stored))

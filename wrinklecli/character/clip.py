@@ -4,7 +4,7 @@ Source: glTF 2.0 specification, §3.11 and appendix C (animation).
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -170,15 +170,19 @@ def read_clips(document: Document) -> tuple[Clip, ...]:
         channels = tuple(_read_channels(document, animation, index, known))
         if not channels:
             continue
-        name = animation.get("name") or f"animation_{index}"
-        name = f"{name}#{index}" if name in names else name
-        names.add(name)
+        names.add(name := clip_name(animation, index, names))
         early = any(channel.times[0] < 0.0 for channel in channels)
         channels = tuple(map(_from_zero, channels)) if early else channels
         start = min(float(channel.times[0]) for channel in channels)
         end = max(float(channel.times[-1]) for channel in channels)
         clips.append(Clip(index, name, channels, start, end, early))
     return tuple(clips)
+
+
+def clip_name(animation: Json, index: int, taken: Container[str]) -> str:
+    """The name of an animation's clip; a name that is taken gets the animation's index behind it."""
+    name = animation.get("name") or f"animation_{index}"
+    return f"{name}#{index}" if name in taken else name
 
 
 def _read_channels(document: Document, animation: Json, index: int, known: Channels) -> Iterator[Channel]:

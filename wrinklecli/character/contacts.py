@@ -11,13 +11,14 @@ from wrinklecli.character.scene import drawn_with
 from wrinklecli.character.skin import Influences, skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, read_all_triangles, read_vertices
 from wrinklecli.character.weld import SAME
-from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, diagonal, distinct_values, flags_of
 from wrinklecli.numeric.cells import leaders
 from wrinklecli.numeric.closest import ROUNDING
 from wrinklecli.numeric.edges import Edges
+from wrinklecli.numeric.memory import once
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,10 @@ class _Shown:
         influences = Influences(vertices.joints.T, vertices.weights.T, len(rig.joints))
         mesh = skinned_mesh(rig, influences, vertices.positions, vertices.morph_deltas, self.triangles)
         return mesh.positions_at(None, 0.0)
+
+    def corners(self) -> Floats:
+        """(triangles, 3, 3) those of the posed triangles."""
+        return np.asarray(self.posed()[self.triangles])
 
     def seen(self) -> Floats:
         """(seen, 3) the posed vertices of triangles, and all those of a primitive that has none, as of points."""
@@ -90,10 +95,7 @@ class Neighbours:
     def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
         """(triangles, 3, 3) world corners of the same meshes."""
         for other in self._meeting(node, low, high):
-            if other not in self._corners:
-                shown = self._of(other)
-                self._corners[other] = shown.posed()[shown.triangles]
-            yield self._corners[other]
+            yield once(self._corners, other, self._of(other).corners)
 
     def _meeting(self, node: int, low: Floats, high: Floats) -> list[int]:
         """The other nodes that are drawn with a node and whose meshes may reach into a box."""
@@ -115,8 +117,6 @@ class Neighbours:
     def _can_be_read(self, node: int) -> bool:
         try:
             self._of(node)
-        except TooMuchError:
-            raise
         except AssetError as error:
             self.unread[node] = str(error)
         return node not in self.unread

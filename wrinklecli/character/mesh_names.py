@@ -5,7 +5,7 @@ Converters drop names of nodes: gltfpack puts a quantised mesh on a node without
 
 from collections import Counter
 
-from wrinklecli.character.rig import free_names, read_parents
+from wrinklecli.character.rig import free_names, read_parents, upwards
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 
@@ -39,16 +39,12 @@ class MeshNames:
                 # A lone half of a character cannot be written in a tools file.
                 if name and name == name.encode("utf-8", "ignore").decode():
                     ways[way].setdefault(name, []).append(index)
-            at = int(parents[index])
-            while at >= 0:
+            for at in upwards(parents, int(parents[index])):
                 below.setdefault(at, []).append(index)
-                at = int(parents[at])
         own = own_names(document)
         for index in with_mesh:
             if own[index] != nodes[index].get("name"):
-                at = int(parents[index])
-                while at >= 0 and not nodes[at].get("name"):
-                    at = int(parents[at])
+                at = next((each for each in upwards(parents, int(parents[index])) if nodes[each].get("name")), -1)
                 if at >= 0:
                     ways[2][nodes[at]["name"]] = sorted({*ways[2].get(nodes[at]["name"], ()), *below[at]})
         return cls(own, ways)

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from wrinklecli.character.scene import ScenePrimitive, material_of
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_alpha, read_pixels
@@ -88,7 +88,7 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
                     alpha = read_alpha(data)
                     masks[key] = None if alpha is None else Texture(alpha, wraps)
                 mask = masks.get(key)
-        except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # Without a texture a picture still shows the wrinkles.
             warnings.append(f"{source.where}: drawn without its texture: {error}")
         opacity = Opacity(_alphas(document, primitive, count), cutoff, mask) if cutoff > 0 else None

@@ -14,7 +14,7 @@ import numpy as np
 
 from wrinklecli.character.bent import bent_areas
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
-from wrinklecli.character.clip import Channel, Clip
+from wrinklecli.character.clip import Channel, Clip, clip_name
 from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
 from wrinklecli.character.pose import node_matrices, stored_positions
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
@@ -24,23 +24,29 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
+
 # Least and greatest degrees by which parts of a body turn ahead, aside, and about the bone.
-_TRUNK = ((-15.0, 35.0), (-20.0, 20.0), (-20.0, 20.0))
-_NECK = ((-25.0, 25.0), (-20.0, 20.0), (-35.0, 35.0))
+def _either(most: float) -> tuple[float, float]:
+    """As far to one side as to the other."""
+    return -most, most
+
+
+_TRUNK = ((-15.0, 35.0), _either(20.0), _either(20.0))
+_NECK = (_either(25.0), _either(20.0), _either(35.0))
 _BODY: Mapping[Part | None, Sequence[tuple[float, float]]] = {
     "hips": _TRUNK,
     "spine": _TRUNK,
     "chest": _TRUNK,
     "neck": _NECK,
     "head": _NECK,
-    "shoulder": ((-15.0, 15.0), (-20.0, 20.0)),
-    "upper arm": ((-40.0, 80.0), (-70.0, 70.0), (-40.0, 40.0)),
-    "lower arm": ((0.0, 125.0), (0.0, 0.0), (-45.0, 45.0)),
-    "hand": ((-30.0, 20.0), (-70.0, 70.0)),  # where arms are spread or hang, thumbs point ahead
-    "palm": ((-10.0, 10.0), (-10.0, 10.0)),
-    "upper leg": ((-25.0, 95.0), (-30.0, 30.0), (-25.0, 25.0)),
+    "shoulder": (_either(15.0), _either(20.0)),
+    "upper arm": ((-40.0, 80.0), _either(70.0), _either(40.0)),
+    "lower arm": ((0.0, 125.0), _either(0.0), _either(45.0)),
+    "hand": ((-30.0, 20.0), _either(70.0)),  # where arms are spread or hang, thumbs point ahead
+    "palm": (_either(10.0), _either(10.0)),
+    "upper leg": ((-25.0, 95.0), _either(30.0), _either(25.0)),
     "lower leg": ((-120.0, 0.0),),
-    "foot": ((-45.0, 20.0), (-20.0, 20.0)),
+    "foot": ((-45.0, 20.0), _either(20.0)),
     "toes": ((-30.0, 45.0),),
 }
 # Sine of the least angle between a bone and the way ahead at which it turns ahead. One that points ahead turns up.
@@ -181,17 +187,15 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
     """Make clips with indices from `first` on; a name that is taken gets an index behind it, as in `read_clips`."""
     names = set(taken)
     for index, (name, channels) in enumerate(made, first):
-        name = f"{name}#{index}" if name in names else name
-        names.add(name)
+        names.add(name := clip_name({"name": name}, index, names))
         yield motion_clip(name, channels, index=index)
 
 
 def _is_of_body(rig: Rig, node: int, bones: Bones, clips: Sequence[Clip]) -> bool:
     """True if a joint moves a part of a body or face, or clips show how far it goes; all do on rigs without limbs."""
-    parts, above = bones.parts, node
-    while above >= 0 and parts[above] != "head":
-        above = int(rig.parents[above])
-    if parts[node] is not None or above >= 0 or not {*_LIMBS} <= {*parts}:
+    parts = bones.parts
+    on_head = any(parts[above] == "head" for above in rig.upwards(node))
+    if parts[node] is not None or on_head or not {*_LIMBS} <= {*parts}:
         return True
     stored = unit_quaternions(rig.locals[node]["rotation"])
     return float(np.abs(_shown_turns(node, stored, clips)).max()) >= TELLING
@@ -264,12 +268,9 @@ def _curl(rig: Rig, node: int, bones: Bones) -> Floats:
 
 def _usual_bend(rig: Rig, node: int, bones: Bones) -> float:
     """Degrees by which a joint bends to either side, depending on its part of the body and the parts above."""
-    part, above = bones.parts[node], int(rig.parents[node])
-    while above >= 0:
-        if bones.parts[above] == "head":
-            return _JAW_BEND if part in ("jaw", "eye") else _FACE_BEND
-        above = int(rig.parents[above])
-    return _BEND
+    if not any(bones.parts[above] == "head" for above in rig.upwards(int(rig.parents[node]))):
+        return _BEND
+    return _JAW_BEND if bones.parts[node] in ("jaw", "eye") else _FACE_BEND
 
 
 def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:

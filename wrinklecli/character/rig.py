@@ -5,7 +5,7 @@ An unskinned mesh counts as skinned to its own node with weight 1, so that all l
 Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from itertools import chain, count
 from typing import Any, Protocol
@@ -54,9 +54,18 @@ class Hierarchy:
 
     def upwards(self, node: int) -> Iterator[int]:
         """Give a node and all above it, up to its root."""
-        while node >= 0:
-            yield node
-            node = int(self.parents[node])
+        return upwards(self.parents, node)
+
+    def next_above(self, node: int, among: Container[int]) -> int:
+        """The nearest of some nodes that are above a node; -1 if none is."""
+        return next((each for each in self.upwards(int(self.parents[node])) if each in among), -1)
+
+
+def upwards(parents: Ints, node: int) -> Iterator[int]:
+    """Give a node and all above it, by the (nodes,) parents of nodes; nothing for -1."""
+    while node >= 0:
+        yield node
+        node = int(parents[node])
 
 
 class DrivenTargets(Protocol):
@@ -263,6 +272,11 @@ def _stored_local(node: Json) -> dict[str, Floats]:
     for path, default in TRANSFORM_DEFAULTS.items():
         local[path] = np.array(node.get(path, default), np.float64)
     return local
+
+
+def local_rows(node: Json) -> Floats:
+    """(3, 4) upper rows of a node's stored local matrix."""
+    return _stored_rows([_stored_local(node)])[:, :, 0]
 
 
 def _stored_rows(local: Sequence[dict[str, Floats]]) -> Floats:

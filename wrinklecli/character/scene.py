@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy, read_parents, read_rig
+from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy, read_parents, read_rig, upwards
 from wrinklecli.character.skin import Influences, SkinnedMesh, acting_joints, prepare
 from wrinklecli.character.surface import Vertices, read_primitive, read_triangles
-from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -60,9 +60,7 @@ def drawn_with(document: Document, node: int) -> list[int]:
 
     A node that no scene draws stands among those below its root; one that is hidden is looked at as if it were not.
     """
-    parents, above = read_parents(document), [node]
-    while parents[above[-1]] >= 0:
-        above.append(int(parents[above[-1]]))
+    above = list(upwards(read_parents(document), node))
     levels = {each: level for other in document.items("nodes") for level, each in enumerate(_levels(other), 1)}
     level = next((levels[each] for each in above if each in levels), 0)
     found = [_drawn(document, scene.get("nodes", []), level, above) for scene in document.items("scenes")]
@@ -150,8 +148,6 @@ def read_scene(document: Document, *, leave_out_malformed: bool = False) -> tupl
             try:
                 hierarchy = hierarchy or read_hierarchy(document)
                 primitives += list(_read_node(document, node, hierarchy, known))
-            except TooMuchError:
-                raise
             except AssetError:
                 if not leave_out_malformed:
                     raise

@@ -6,6 +6,8 @@ interpolation if that loses nothing.
 Source: glTF 2.0 §3.11 and appendix C.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, linear_keys, sample, spline_slopes
@@ -28,6 +30,17 @@ class Track:
     times: Floats
     values: Floats
     interpolation: str
+
+
+def by_names(values: Floats, names: Sequence[str], wanted: Sequence[str], stored: Floats) -> Floats:
+    """(keys, wanted), or (keys, 3, wanted), of the values of morph targets with some names; others are as stored."""
+    found = np.zeros((*values.shape[:-1], len(wanted)))
+    points = found if found.ndim == 2 else found[:, 1]  # of a cubic, between its tangents
+    points[:] = stored
+    for column, name in enumerate(wanted):
+        if name in names:
+            found[..., column] = values[..., names.index(name)]
+    return found
 
 
 def widen(channel: Channel | None, rig: Rig, clip: Clip, times: Floats, weights: Floats) -> Track:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from itertools import chain
 from typing import IO, NamedTuple, TypeAlias
 
-from wrinklecli.errors import AssetError, BakeError
+from wrinklecli.errors import AssetError, BakeError, TooMuchError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf import meshopt
@@ -282,7 +282,7 @@ def _is_in_place(source: Document, number: int, out: str) -> bool:
     where = source.where("buffers", number)
     try:
         data, _ = source.read_uri(uri, where)
-    except AssetError:  # it has been restored from another file
+    except (AssetError, TooMuchError):  # it has been restored from another file
         return False
     return data[: len(content)] == content
 
@@ -324,7 +324,7 @@ def _is_buffer_file(path: str, name: str, out: str) -> bool:
     """True if a file's name has the digest of its content, as a buffer of OUT."""
     try:
         return name == _buffer_file(out, hashlib.sha256(read_file(path)).hexdigest())
-    except AssetError:
+    except (AssetError, TooMuchError):
         return False
 
 

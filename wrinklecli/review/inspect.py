@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.baking.original import original, wrinkled
+from wrinklecli.character.clip import clip_name
 from wrinklecli.character.mesh_names import own_names
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
 from wrinklecli.character.scene import read_scene
 from wrinklecli.drive.drive import anchors_of, wrinkle_entry
-from wrinklecli.errors import AssetError, WrinkleError
+from wrinklecli.errors import AssetError, TooMuchError, WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Channels, pointer_of
 from wrinklecli.gltf.document import TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, read_document
@@ -90,7 +91,7 @@ def _describe(document: Document) -> Json:
     meshes = [_describe_mesh(document, index) for index in range(len(document.items("meshes")))]
     try:
         hierarchy = read_hierarchy(document)
-    except AssetError:
+    except (AssetError, TooMuchError):
         hierarchy = None
     return {
         "inspect": VERSION,
@@ -235,9 +236,7 @@ def _clips(document: Document) -> Iterator[Json]:
                 inputs.add(animation["samplers"][channel["sampler"]]["input"])
         if not inputs:
             continue
-        name = animation.get("name") or f"animation_{index}"
-        name = f"{name}#{index}" if name in names else name
-        names.add(name)
+        names.add(name := clip_name(animation, index, names))
         accessors = [document.items("accessors")[each] for each in sorted(inputs)]
         starts, ends = (_bounds(accessors, key) for key in ("min", "max"))
         yield {
@@ -414,11 +413,11 @@ def _image_size(document: Document, number: int) -> tuple[int | None, str | None
     if uri.startswith("data:"):
         try:
             return len(read_image(document, number)[0]), None
-        except AssetError:
+        except (AssetError, TooMuchError):
             return None, None
     try:
         where = document.where("images", number)
         name = local_file(uri, document.path, where, allow_external=document.allow_external)
         return os.path.getsize(name) if os.path.isfile(name) and os.access(name, os.R_OK) else None, name
-    except AssetError:
+    except (AssetError, TooMuchError):
         return None, os.path.join(os.path.dirname(document.path), path_of(uri))

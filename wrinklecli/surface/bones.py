@@ -46,9 +46,7 @@ class BoneLines:
         np.add.at(sums, surface.joints, surface.weights[..., None] * ground.rest.positions[:, None])
         below: dict[int, list[int]] = {joint: [] for joint in joints}
         for number, joint in enumerate(joints):
-            parent = int(rig.parents[joint])
-            while parent >= 0 and parent not in below:
-                parent = int(rig.parents[parent])
+            parent = rig.next_above(joint, below)
             if parent >= 0:
                 below[parent].append(number)
         nodes, starts, ends = [], [], []
@@ -62,15 +60,16 @@ class BoneLines:
 
     def distances(self, points: Floats) -> Floats:
         """(points,) distances of (points, 3) from the nearest bone."""
-        return bone_distances(points, np.stack([self.starts, self.ends], axis=1))
+        return bone_distances(points, self._segments)
+
+    @property
+    def _segments(self) -> Floats:
+        """(bones, 2, 3) their ends."""
+        return np.stack([self.starts, self.ends], axis=1)
 
     def nearest(self, point: Floats) -> int:
         """The number of the bone that is nearest to a (3,) point."""
-        along = self.ends - self.starts
-        squares = np.sum(along**2, axis=1)
-        shares = np.sum((point - self.starts) * along, axis=1) / np.where(squares > 0, squares, 1.0)
-        feet = self.starts + np.clip(shares, 0.0, 1.0)[:, None] * along
-        return int(np.argmin(np.sum((point - feet) ** 2, axis=1)))
+        return int(np.argmin(segment_distances(np.broadcast_to(point, self.starts.shape), self._segments)))
 
     def side_of(self, ground: Ground, place: Floats, along: Floats) -> "SideOfBone":
         """The side of the nearest bone on which a (3,) place lies; a bone without a length runs along a (3,) vector."""

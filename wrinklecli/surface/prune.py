@@ -10,7 +10,7 @@ has to be pruned.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +21,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
-from wrinklecli.numeric.memory import Memory
+from wrinklecli.numeric.memory import Memory, once
 from wrinklecli.numeric.portions import portions
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.surface.region import Region
@@ -59,12 +59,8 @@ class Poses:
         Raises:
             TooMuchError: They would take more memory than there may be.
         """
-        key = joints.tobytes()
-        if key not in self._known:
-            # Tools that are tried again and again ask for the same joints.
-            self._known.clear()
-            self._known[key] = self._matrices(joints)
-        return self._known[key]
+        # Tools that are tried again and again ask for the same joints.
+        return once(self._known, joints.tobytes(), partial(self._matrices, joints), 1)
 
     @cached_property
     def _known(self) -> dict[bytes, Floats]:
@@ -110,41 +106,17 @@ def joint_distances(rig: Rig, regions: Sequence[Region], chosen: Ints) -> Floats
     A bone counts 1. A bone between two neighbouring anchors of a region bends with the region and counts far more, so
     that weights are not moved across it. Joints of separate trees are furthest apart.
     """
-    count = len(rig.parents)
-    lengths = np.ones(count + 1)
+    lengths = np.ones(len(rig.parents))
     lengths[sorted(_bending_nodes(rig, regions))] = _BENDING_LENGTH
-    # One more node is the parent of all roots and of itself. above[k] holds the ancestors of 2^k generations.
-    nowhere = count
-    above = [np.append(np.where(rig.parents >= 0, rig.parents, nowhere), nowhere)]
-    lengths[np.append(above[0][:-1] == nowhere, True)] = 0.0
-    hops = (np.arange(count + 1) != nowhere).astype(np.intp)
-    for _ in range(count.bit_length()):
-        step = above[-1]
-        lengths, hops = lengths + lengths[step], hops + hops[step]
-        above.append(step[step])
-    nodes = rig.joints[chosen]
-    distances = np.zeros((len(nodes), len(nodes)))
-    for row, node in enumerate(nodes):
-        a, b = np.full(len(nodes), node), nodes
-        lower, higher = np.where(hops[a] >= hops[b], a, b), np.where(hops[a] >= hops[b], b, a)
-        for k, step in reversed(list(enumerate(above))):
-            lower = np.where(hops[lower] - hops[higher] >= 2**k, step[lower], lower)
-        for step in reversed(above):
-            apart = step[lower] != step[higher]
-            lower, higher = np.where(apart, step[lower], lower), np.where(apart, step[higher], higher)
-        common = np.where(lower == higher, lower, above[0][lower])
-        apart = lengths[a] + lengths[b] - 2 * lengths[common]
-        distances[row] = np.where(common == nowhere, _BENDING_LENGTH * count, apart)
-    return distances
-
-
-def _chain(rig: Rig, node: int) -> list[int]:
-    """A node, its parent, and so on to the root."""
-    chain = []
-    while node >= 0:
-        chain.append(node)
-        node = int(rig.parents[node])
-    return chain
+    lengths[rig.parents < 0] = 0.0
+    chains = [list(rig.upwards(node)) for node in rig.joints[chosen].tolist()]
+    nodes, columns = np.unique(np.concatenate([np.zeros(0, np.intp), *chains]), return_inverse=True)
+    passed = np.zeros((len(chains), len(nodes)))
+    passed[np.repeat(np.arange(len(chains)), list(map(len, chains))), columns] = 1.0
+    # The way from a joint to the root, less what two of these have in common.
+    common = (passed * lengths[nodes]) @ passed.T
+    apart = np.add.outer(common.diagonal(), common.diagonal()) - 2.0 * common
+    return np.where(passed @ passed.T > 0.0, apart, _BENDING_LENGTH * len(lengths))
 
 
 def _bending_nodes(rig: Rig, regions: Sequence[Region]) -> frozenset[int]:
@@ -157,7 +129,7 @@ def _bending_nodes(rig: Rig, regions: Sequence[Region]) -> frozenset[int]:
         if np.ptp(difference) < _SAME_WEIGHTS:
             continue  # both anchors depend on the same joints: nothing bends between them
         ends = (int(rig.joints[np.argmax(difference)]), int(rig.joints[np.argmin(difference)]))
-        nodes |= set(_chain(rig, ends[0])) ^ set(_chain(rig, ends[1]))
+        nodes |= set(rig.upwards(ends[0])) ^ set(rig.upwards(ends[1]))
     return frozenset(nodes)
 
 

@@ -19,6 +19,7 @@ from wrinklecli.errors import BakeError, ConfigError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.memory import once
 from wrinklecli.tools.records import EffectTool, JointPoint, ToolsFile
 
 # Poses of a surface besides the rest pose that are kept: in the editor a time may be dragged.
@@ -65,11 +66,7 @@ class Rest:
 
     def once(self, key: Hashable, make: Callable[[], "Rest"]) -> "Rest":
         """Another pose of the surface, made once for each key as long as there are few: tools of a mesh share them."""
-        if key not in self._others:
-            if len(self._others) >= _MOST_OTHERS:
-                self._others.clear()
-            self._others[key] = make()
-        return self._others[key]
+        return once(self._others, key, make, _MOST_OTHERS)
 
     @cached_property
     def _others(self) -> dict[Hashable, "Rest"]:

@@ -22,6 +22,7 @@ from wrinklecli.character.surface import Surface
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import balls
+from wrinklecli.numeric.memory import once
 from wrinklecli.surface.rest import Rest
 
 # Greatest stretch that counts, as a ratio of lengths: triangles of almost no area may have any.
@@ -68,9 +69,7 @@ class StrainedParts:
         moved = (node for node in self._above if any((node, path) in clip.by_target for path in TRANSFORM_DEFAULTS))
         nodes = frozenset(moved)
         targets = _moving_targets(self._rig, clip)
-        if (nodes, targets) not in self._known:
-            self._known[nodes, targets] = self._part(nodes, targets)
-        return self._known[nodes, targets]
+        return once(self._known, (nodes, targets), lambda: self._part(nodes, targets))
 
     def _part(self, nodes: Collection[int], targets: tuple[int, ...]) -> StrainedPart | None:
         """The triangles that moving nodes and morph targets can strain."""
@@ -94,17 +93,8 @@ class StrainedParts:
 
 def _carriers(rig: Rig, moving: Collection[int]) -> Ints:
     """(joints,) the nearest moving node that is the joint or an ancestor of it; -1 for none."""
-    known = {-1: -1} | {node: node for node in moving}
-
-    def carrier(node: int) -> int:
-        chain = []
-        while node not in known:
-            chain.append(node)
-            node = int(rig.parents[node])
-        known.update(dict.fromkeys(chain, known[node]))
-        return known[node]
-
-    return np.array([carrier(int(joint)) for joint in rig.joints], np.intp)
+    nearest = (next(filter(moving.__contains__, rig.upwards(joint)), -1) for joint in rig.joints.tolist())
+    return np.array(list(nearest), np.intp)
 
 
 def _moving_targets(rig: Rig, clip: Clip) -> tuple[int, ...]:

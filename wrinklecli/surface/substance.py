@@ -15,7 +15,7 @@ from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import SUBSTANCES, MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
-from wrinklecli.errors import AssetError, TooMuchError, shortened
+from wrinklecli.errors import AssetError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, ramp, unit
@@ -423,8 +423,6 @@ def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | 
         for node in shown.values():
             try:
                 other = read_ground(document, node, [], ToolsFile(path=document.path), ())
-            except TooMuchError:
-                raise
             except AssetError:
                 continue
             gauge = read_gauge(other.surface, other.rest, other.rig)

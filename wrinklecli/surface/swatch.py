@@ -20,12 +20,13 @@ from wrinklecli.character.paints import (
     texture_info,
     vertex_colours,
 )
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes, linear_rgb
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.memory import once
 
 # Linear RGB of the 256 stored values of sRGB.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
@@ -160,10 +161,8 @@ class Pictures:
         return np.cbrt(np.maximum(colours, 0.0) @ _CONES.T) @ _OKLAB.T, pictured, coloured, metallic
 
     def _coat(self, mesh: int, primitive: int, count: int) -> _Coat:
-        key = mesh, primitive, count
-        if key not in self._coats:
-            self._coats[key] = self._read(self.document.items("meshes")[mesh]["primitives"][primitive], count)
-        return self._coats[key]
+        stored = self.document.items("meshes")[mesh]["primitives"][primitive]
+        return once(self._coats, (mesh, primitive, count), lambda: self._read(stored, count))
 
     def _read(self, primitive: Json, count: int) -> _Coat:
         """Read the looks of a primitive. What is malformed says nothing."""
@@ -181,7 +180,7 @@ class Pictures:
         metallic = looks.get("metallicFactor", 0.0 if metal is None else 1.0)
         try:
             of_vertices = vertex_colours(self.document, primitive, count)
-        except (AssetError, ValueError, KeyError, TypeError, IndexError):
+        except (AssetError, TooMuchError, ValueError, KeyError, TypeError, IndexError):
             of_vertices = np.ones((count, 3))
         return _Coat(
             np.clip(np.array([1.0] * 3 if factor is None else factor[:3], float), 0.0, 1.0),
@@ -208,7 +207,7 @@ class Pictures:
             note = f"textures say nothing of what surfaces are made of without Pillow ({error})"
             self.notes = [f"{note}: pip install 'wrinklecli[preview]'"]
             return None
-        except (AssetError, ArithmeticError, ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             self.notes.append(f"a texture says nothing of what the surface is made of, as it cannot be read: {error}")
             return None
 

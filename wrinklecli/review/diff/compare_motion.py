@@ -4,6 +4,7 @@ import hashlib
 import struct
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from wrinklecli.character.rig import Rig, moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values
 from wrinklecli.numeric.guard import Progress
+from wrinklecli.numeric.memory import once
 from wrinklecli.review.diff.common_clips import AnimatedScene, CommonClip
 from wrinklecli.review.diff.difference import Difference, pairs_by_key, without
 from wrinklecli.review.diff.surfaces import (
@@ -74,9 +76,8 @@ class _StoredPoses:
         """True if a clip may move a primitive, or hide it."""
         if clip is None:
             return False
-        if id(primitive) not in self._moving:
-            self._moving[id(primitive)] = moving_nodes(primitive.rig)
-        return not self._moving[id(primitive)].isdisjoint(clip.nodes)
+        moving = once(self._moving, id(primitive), lambda: moving_nodes(primitive.rig))
+        return not moving.isdisjoint(clip.nodes)
 
     def topology(self, primitive: ScenePrimitive) -> bytes:
         """A digest of the triangles and the number of vertices; thousands of instances may have many triangles."""
@@ -88,18 +89,13 @@ class _StoredPoses:
 
     def equal(self, one: ScenePrimitive, other: ScenePrimitive) -> bool:
         """True if two primitives are the same to the bit."""
-        pair = id(one), id(other)
-        if pair not in self._equal:
-            self._equal[pair] = _equal_primitives(one, other)
-        return self._equal[pair]
+        return once(self._equal, (id(one), id(other)), lambda: _equal_primitives(one, other))
 
     def compared(self, one: ScenePrimitive, other: ScenePrimitive, common: CommonClip, time: float) -> Apart:
         """The result of comparing two primitives with the same triangles that no clip of `common` moves."""
-        pair = id(one), id(other)
-        if pair not in self._apart:
-            at_rest = CommonClip((None, None), np.array([time]))
-            self._apart[pair] = compare_vertices(one, other, at_rest, at_rest.times, self.tolerance, lambda _done: None)
-        found = self._apart[pair]
+        at_rest = CommonClip((None, None), np.array([time]))
+        compare = partial(compare_vertices, one, other, at_rest, at_rest.times, self.tolerance, lambda _done: None)
+        found = once(self._apart, (id(one), id(other)), compare)
         return replace(found, worst=replace(found.worst, clip=common.name, time=time))
 
 
@@ -173,10 +169,8 @@ def _shown(primitives: Sequence[ScenePrimitive], clip: Clip | None, times: Float
 def _node_shown(rig: Rig, clip: Clip | None, times: Floats) -> Bools:
     """(times,) False where a node is scaled to 0; if only steps move it, they alone are evaluated, to save time."""
     channels: list[Channel] = []
-    node = rig.node
-    while node >= 0:
+    for node in rig.upwards(rig.node):
         channels += [each for path in ("rotation", "scale") if clip and (each := clip.channel(node, path))]
-        node = int(rig.parents[node])
     starts = np.arange(len(times))
     if all(channel.interpolation == "STEP" for channel in channels):
         keys = np.concatenate([np.zeros(0), *(channel.times for channel in channels)])

@@ -11,7 +11,7 @@ Source: glTF 2.0 specification, §3 (concepts).
 from collections.abc import Callable, Iterator, Sequence
 
 from wrinklecli.character.rig import Hierarchy, read_hierarchy, read_rig
-from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.shape import COMPRESSIONS
 from wrinklecli.review.diff.animations import animation_differences
 from wrinklecli.review.diff.difference import (
@@ -107,8 +107,6 @@ class _Walk:
                         hierarchies = hierarchies or [read_hierarchy(document) for document in (sides.a, sides.b)]
                         rig_a, rig_b = read_rig(sides.a, i, hierarchies[0]), read_rig(sides.b, j, hierarchies[1])
                         found: list[Difference | Link] = [*influence_differences(sides, rig_a, rig_b, joints)]
-                    except TooMuchError:
-                        raise
                     except AssetError:  # malformed influences are compared as they are stored
                         found = list(stored_influences(sides, first["mesh"], second["mesh"]))
                     yield from self.follow(iter(found))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from wrinklecli.character.rig import morph_target_names
-from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.images import read_image
@@ -138,7 +138,5 @@ def _image_bytes(document: Document, index: int) -> bytes | None:
     image = document.items("images")[index]
     try:
         return bytes(read_image(document, index)[0]) if "bufferView" in image or image.get("uri") else b""
-    except TooMuchError:
-        raise
     except AssetError:
         return None

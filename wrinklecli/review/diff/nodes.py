@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.rig import TRANSFORM_DEFAULTS, morph_target_names
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, local_rows, stored_weights
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, affine_rows, unit_quaternions
 from wrinklecli.review.diff.difference import Difference, Findings, Link, Sides, brief, differ, pairs_by_key
 from wrinklecli.review.diff.values import dict_differences, property_gaps, value_differences
 
@@ -153,7 +152,7 @@ def node_differences(sides: Sides, i: int, j: int) -> Findings:
     skip = {"name", "children", "skin", "weights", "matrix", *TRANSFORM_DEFAULTS}
     yield from dict_differences(first, second, place, "nodes", sides.limits, name=name, skip=skip)
     if "mesh" in first and "mesh" in second:
-        weights = _stored_weights(sides.a, first), _stored_weights(sides.b, second)
+        weights = stored_weights(sides.a, i).tolist(), stored_weights(sides.b, j).tolist()
         # If the numbers of targets differ, the comparison of the meshes says so.
         if len(weights[0]) == len(weights[1]):
             yield from value_differences(*weights, (*place, "weights"), "nodes", sides.limits, name=name)
@@ -167,37 +166,15 @@ def _transform_differences(sides: Sides, i: int, j: int) -> Iterator[Difference]
     first, second = sides.items("nodes", i, j)
     name = first.get("name")
     if "matrix" in first or "matrix" in second:
-        one, other = _local_matrix(sides.a, i), _local_matrix(sides.b, j)
-        moved = property_gaps("translation", one[None, :3, 3], other[None, :3, 3], sides.limits)
-        turned = property_gaps("scale", one[:3, :3].reshape(1, 9), other[:3, :3].reshape(1, 9), sides.limits)
+        one, other = (local_rows(node) for node in (first, second))
+        moved = property_gaps("translation", one[None, :, 3], other[None, :, 3], sides.limits)
+        turned = property_gaps("scale", one[:, :3].reshape(1, 9), other[:, :3].reshape(1, 9), sides.limits)
         if moved.any() or turned.any():
             message = f"moves by {moved[0]:.3g}, turns or scales by {turned[0]:.3g}"
             yield differ("value", ("nodes", i, "matrix"), message, name=name)
         return
     for path, default in TRANSFORM_DEFAULTS.items():
-        if property_gaps(path, _stored(sides.a, i, path)[None], _stored(sides.b, j, path)[None], sides.limits).any():
+        one, other = (np.array([node.get(path, default)], np.float64) for node in (first, second))
+        if property_gaps(path, one, other, sides.limits).any():
             message = " -> ".join(brief(node.get(path, list(default))) for node in (first, second))
             yield differ("value", ("nodes", i, path), message, name=name)
-
-
-def _stored_weights(document: Document, node: Json) -> list[float]:
-    """The stored weights of a node's morph targets; those of the node replace those of the mesh."""
-    mesh = document.items("meshes")[node["mesh"]]
-    count = len(morph_target_names(mesh))
-    weights = node.get("weights") or mesh.get("weights") or []
-    return [float(weight) for weight in [*weights, *[0.0] * count][:count]]
-
-
-def _stored(document: Document, index: int, key: str) -> Floats:
-    """The numbers of a node's transform."""
-    return np.array(document.items("nodes")[index].get(key, TRANSFORM_DEFAULTS.get(key)), np.float64)
-
-
-def _local_matrix(document: Document, index: int) -> Floats:
-    """(4, 4) local matrix of a node."""
-    if "matrix" in document.items("nodes")[index]:
-        return _stored(document, index, "matrix").reshape(4, 4).T
-    translation, rotation, scale = (_stored(document, index, path)[:, None] for path in TRANSFORM_DEFAULTS)
-    matrix = np.eye(4)
-    matrix[:3] = affine_rows(translation, unit_quaternions(rotation), scale)[..., 0]
-    return matrix

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.errors import AssetError, TooMuchError
+from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.shape import COMPRESSIONS, Json
 from wrinklecli.numeric.arrays import Array, Floats
@@ -156,8 +156,6 @@ def decoded(document: Document, index: int | None) -> Array | None:
     """The elements of an accessor; None without an index, or if it is malformed, as a bake may leave it."""
     try:
         return None if index is None else document.accessor(index, user=document.path)
-    except TooMuchError:
-        raise
     except AssetError:
         return None
 
@@ -193,8 +191,6 @@ def _stored(document: Document, index: Any) -> tuple[Any, bytes | None]:
     accessor = accessors[index]
     try:
         data = bytes(document.view(accessor["bufferView"])) if "bufferView" in accessor else None
-    except TooMuchError:
-        raise
     except AssetError:
         data = None
     return {key: value for key, value in accessor.items() if key not in _STORAGE}, data

@@ -199,9 +199,7 @@ def _joints(asset: ShownAsset, moment: Moment) -> Overlay:
     places = dict(zip(nodes, matrices[:, :3, 3], strict=True))
     strokes = []
     for node in nodes:
-        parent = int(rig.parents[node])
-        while parent >= 0 and parent not in places:
-            parent = int(rig.parents[parent])
+        parent = rig.next_above(node, places)
         if parent >= 0:
             strokes.append(Stroke(np.array([places[parent], places[node]]), _BONE, 1.3, 0.6))
     dots = [Dot(places[node], _BONE, 2.2) for node in nodes]

@@ -22,7 +22,7 @@ HEAT: tuple[tuple[float, Colour], ...] = (
     (0.8, (0.16, 0.03, 0.28)),
 )
 # Compressions that a legend names.
-HEAT_TICKS = (0.0, 0.2, 0.4, 0.6, 0.8)
+HEAT_TICKS = np.linspace(0.0, HEAT[-1][0], 5).tolist()
 
 # Height of a wrinkle over the greatest that has half of the colour of a crest.
 _HALF = 0.05

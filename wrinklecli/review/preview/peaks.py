@@ -20,7 +20,7 @@ from wrinklecli.drive.stored import read_number, read_numbers
 from wrinklecli.drive.touch import TouchDrive, TouchPlace
 from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at
-from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.errors import AssetError, TooMuchError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -203,7 +203,7 @@ def _driven_tools(asset: ShownAsset) -> dict[tuple[int, str], StoredDrive]:
     nodes = asset.document.items("nodes")
     try:
         bodies = read_bodies(asset.document)
-    except AssetError:
+    except (AssetError, TooMuchError):
         return {}
     names = [str(node.get("name", "")) for node in nodes]
     found: dict[tuple[int, str], StoredDrive] = {}
