@@ -156,6 +156,11 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count:,} {one if count == 1 else many or one + 's'}"
 
 
+def megabytes(count: int) -> str:
+    """Write bytes for a table or a sentence that compares them: `12.3 MB`."""
+    return f"{count / 1e6:.1f} MB"
+
+
 def aligned(rows: Sequence[Sequence[str]], texts: int) -> list[str]:
     """Align a table, a line for each row. The first `texts` columns stand to the left, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]

@@ -13,7 +13,7 @@ from wrinklecli.character.rig import Rig, morph_target_names
 from wrinklecli.choices import Mode
 from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Words, targets_of
 from wrinklecli.effects.plan import mesh_warnings, track_warnings
-from wrinklecli.errors import counted, listed
+from wrinklecli.errors import counted, listed, megabytes
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import significant
@@ -54,7 +54,7 @@ class Report:
         meshes = self.data["meshes"]
         whole = sum(mesh["gpu_bytes"] for mesh in meshes)
         split = sum(mesh.get("split_gpu_bytes", mesh["gpu_bytes"]) for mesh in meshes)
-        return f" ({split / 1e6:.1f} MB with --split)" if 2 * split < whole else ""
+        return f" ({megabytes(split)} with --split)" if 2 * split < whole else ""
 
     @property
     def summary(self) -> str:
@@ -73,7 +73,7 @@ class Report:
             counted(len(self.data["clips"]), "clip"),
         ]
         if self.data["mode"] == "morph":
-            parts.append(f"{sum(mesh['gpu_bytes'] for mesh in meshes) / 1e6:.1f} MB of targets on a GPU" + self._split)
+            parts.append(f"{megabytes(sum(mesh['gpu_bytes'] for mesh in meshes))} of targets on a GPU" + self._split)
         own = [mesh["own_targets"] for mesh in meshes if mesh.get("own_targets", {}).get("bytes")]
         if own:
             before, after = (sum(each[key] for each in own) / 1e6 for key in ("bytes_before", "bytes"))

@@ -34,7 +34,7 @@ ENTRIES = ("keys", "files", "outs", "shapes")
 
 _VERSION = 2  # of a record
 _MAX_ENTRY = 2**23  # bytes of a record: the files of 60,000 frames
-_DIGEST_BYTES = 32  # of a SHA-256
+_DIGEST_BYTES = hashlib.sha256().digest_size
 _LONGEST_REASON = 200  # characters of a warning, as an entry may have any text
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 # Errors for an entry that is not there; some stores deny access to what is missing.

@@ -20,8 +20,7 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
 # Most levels of a hierarchy and most joints of a skin: time and memory grow with them, and no real asset has as many.
-_MOST_LEVELS = 4096
-_MOST_JOINTS = 4096
+_MOST_NODES = 4096
 # Greatest number of a transform: no real one comes near, and products of a dozen such numbers are still finite.
 LARGEST = 1e15
 TRANSFORM_DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
@@ -230,9 +229,9 @@ def _refuse_cycles(parents: Ints, document: Document) -> None:
         above = np.where(above >= 0, above[above], -1)
     if (above >= 0).any():
         raise AssetError("is its own ancestor", where=document.where("nodes", int(above.argmax())))
-    if depths.max(initial=0) >= _MOST_LEVELS:
+    if depths.max(initial=0) >= _MOST_NODES:
         raise AssetError(
-            f"lies {depths.max()} levels deep; at most {_MOST_LEVELS} are read",
+            f"lies {depths.max()} levels deep; at most {_MOST_NODES} are read",
             where=document.where("nodes", int(depths.argmax())),
         )
 
@@ -243,8 +242,8 @@ def _read_skin(document: Document, index: int) -> tuple[Ints, Floats]:
     joints = skin.get("joints", [])
     if not joints:
         raise AssetError("has no joints", where=where)
-    if len(joints) > _MOST_JOINTS:
-        raise AssetError(f"has {len(joints)} joints; at most {_MOST_JOINTS} are read", where=where)
+    if len(joints) > _MOST_NODES:
+        raise AssetError(f"has {len(joints)} joints; at most {_MOST_NODES} are read", where=where)
     if "inverseBindMatrices" not in skin:
         return np.array(joints, np.intp), np.tile(np.eye(4), (len(joints), 1, 1))
     stored = document.accessor(skin["inverseBindMatrices"], user=where)

@@ -13,7 +13,7 @@ from wrinklecli.choices import FPS, SUBSTANCES
 from wrinklecli.cli import options as opt
 from wrinklecli.cli.output import Progress, emit_json, say, say_findings, write_text
 from wrinklecli.cli.streams import command_outputs
-from wrinklecli.errors import aligned, shortened
+from wrinklecli.errors import aligned, megabytes, shortened
 from wrinklecli.numeric.memory import GPU_BUDGET, parse_bytes
 
 if TYPE_CHECKING:
@@ -274,7 +274,7 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
             f"{each.height:.3g}",
             f"{each.wavelength:.3g}",
             str(each.targets),
-            f"{each.gpu_bytes / 1e6:.1f} MB",
+            megabytes(each.gpu_bytes),
         ]
         for each in found.fields
     ]
@@ -317,7 +317,7 @@ def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
                 _percent(each.judgement),
                 f"{100 * each.shortening:.0f} %",
                 f"{each.height:.2g}",
-                f"{each.gpu_bytes / 1e6:.1f} MB",
+                megabytes(each.gpu_bytes),
             ]
         )
     if len({each.mesh for each in tools}) == 1:

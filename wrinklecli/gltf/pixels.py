@@ -20,6 +20,10 @@ Bytes = NDArray[np.uint8]
 
 # Pixels of a texture's longer side: more than a preview shows. Larger textures are reduced.
 _SIDE = 1024
+# The curve of sRGB (IEC 61966-2-1) is straight up to this linear value, with this slope,
+_STRAIGHT, _SLOPE = 0.0031308, 12.92
+# and beyond it a power with an offset.
+_POWER, _OFFSET = 2.4, 0.055
 # Quality of a JPEG, per cent.
 _QUALITY = 90
 
@@ -82,12 +86,14 @@ def _opened(data: bytes | memoryview) -> "Iterator[Image.Image]":
 
 def linear_rgb(colours: Array) -> Array:
     """Convert sRGB to linear RGB, both 0 to 1."""
-    return np.where(colours < 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    curved = ((colours + _OFFSET) / (1.0 + _OFFSET)) ** _POWER
+    return np.where(colours < _STRAIGHT * _SLOPE, colours / _SLOPE, curved)
 
 
 def srgb(colours: Array) -> Array:
     """Convert linear RGB to sRGB, both 0 to 1."""
-    return np.where(colours < 0.0031308, 12.92 * colours, 1.055 * colours ** (1 / 2.4) - 0.055)
+    curved = (1.0 + _OFFSET) * colours ** (1.0 / _POWER) - _OFFSET
+    return np.where(colours < _STRAIGHT, _SLOPE * colours, curved)
 
 
 def jpeg_of(pixels: Bytes) -> bytes:

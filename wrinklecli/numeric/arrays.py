@@ -21,6 +21,8 @@ _Flags = TypeVar("_Flags", NDArray[np.bool_], NDArray[np.uint8])
 
 TINY = 1e-300
 """Replaces a divisor of 0, below which nothing is 0 either."""
+PLASTIC = 0.7548776662466927
+"""Inverse of the plastic number: multiples of it and of its square are spread evenly (M. Roberts, 2018)."""
 
 # Ratio of the least to the greatest singular value, at or below which a matrix counts as singular.
 _SINGULAR = 1e-3
@@ -306,6 +308,11 @@ def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
     """(…) a factor times 3t² - 2t³, which rises from 0 to 1 over [0, 1] and is level at both ends."""
     # The factor comes first, as rounding depends on the order of the products.
     return factor * t * t * (3.0 - 2.0 * t)
+
+
+def bounded(sizes: Floats) -> Floats:
+    """(…) factors that keep sizes below 1: near 1 for small sizes, and towards the inverse for great ones."""
+    return np.asarray((1.0 + sizes**4) ** -0.25)
 
 
 def ramp(values: Floats, low: float, high: float) -> Floats:

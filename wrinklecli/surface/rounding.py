@@ -27,6 +27,7 @@ from wrinklecli.numeric.arrays import (
     Bools,
     Floats,
     Ints,
+    bounded,
     children,
     distinct_values,
     face_normals,
@@ -217,8 +218,8 @@ def rounded(
         whole = np.rint(smoothstep(np.minimum(share / _WHOLE, 1.0)) / _STEP) * _STEP
         of_deltas[vertices - old] = np.maximum(of_deltas[vertices - old], whole)
         # The offset grows like the height at first, and towards its bound in the end.
-        excess = heights_rest[vertices - old] / (_MOST * region.nominal_height)
-        share = np.rint(share / (1.0 + excess**4) ** 0.25 / _STEP) * _STEP
+        share = share * bounded(heights_rest[vertices - old] / (_MOST * region.nominal_height))
+        share = np.rint(share / _STEP) * _STEP
         shares[vertices - old] = np.maximum(shares[vertices - old], share)
         tallest[vertices - old] = np.maximum(tallest[vertices - old], region.greatest_height)
 

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, diagonal, distinct, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import Floats, Ints, diagonal, distinct, face_normals, unit, weighted_quantiles
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.portions import portions
 from wrinklecli.numeric.processes import in_processes
@@ -85,7 +85,7 @@ class Peaks:
 def spread_sites(gauge: Gauge) -> Sites:
     """Spread sites over a surface, as far apart as its size and its triangles require."""
     corners = gauge.rest.positions[gauge.triangles]
-    crosses = gauge.rest.way * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    crosses = gauge.rest.way * face_normals(gauge.rest.positions, gauge.triangles)
     areas = np.sqrt(np.sum(crosses**2, axis=1)) / 2.0
     edges = np.sqrt(np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1))
     size = diagonal(corners.reshape(-1, 3))

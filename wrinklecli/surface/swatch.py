@@ -25,7 +25,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import Bytes, linear_rgb
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import PLASTIC, Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.memory import once
 
 # Linear RGB of the 256 stored values of sRGB.
@@ -225,8 +225,8 @@ def _spread(weights: Floats) -> Ints:
 
 @cache
 def _evenly_spread(count: int) -> Floats:
-    """(count, 3) barycentric coordinates that are evenly spread: the R2 sequence (M. Roberts, 2018), folded."""
-    u, v = (np.arange(1, count + 1)[:, None] * [0.7548776662466927, 0.5698402909980532] % 1.0).T
+    """(count, 3) barycentric coordinates that are evenly spread, by `PLASTIC` and folded."""
+    u, v = (np.arange(1, count + 1)[:, None] * [PLASTIC, PLASTIC**2] % 1.0).T
     outside = u + v > 1.0
     u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
     return np.stack([1.0 - u - v, u, v], axis=1)

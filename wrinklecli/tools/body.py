@@ -12,6 +12,8 @@ from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
     LENGTHS,
+    MOST_LENGTH,
+    SCENE_LENGTH,
     TEXT,
     Schema,
     any_keys,
@@ -32,7 +34,9 @@ from wrinklecli.tools.materials import PLAIN_HEIGHT, preset
 from wrinklecli.tools.records import (
     ANCHOR,
     DAMPING,
+    DAMPING_RATIO,
     END,
+    FREQUENCY,
     MASK,
     MAX_POINTS,
     MAX_SEED,
@@ -230,7 +234,7 @@ class Flesh(EffectTool):
         read=read_anchor, absent=None,
     )  # fmt: skip
     radius: float | None = key(
-        number(1e-9, 1e9, "a length"),
+        SCENE_LENGTH,
         "Length in scene units from the middle over which flesh swings; it fades to the border.",
         absent=None,
     )
@@ -308,9 +312,9 @@ class Flesh(EffectTool):
 class Release:
     """A damped spring by which the skin comes back once a tip lets go; damping is the ratio ζ, 1 is critical."""
 
-    frequency: float = key(number(0.5, 60), "Swings per second of the skin without damping. Default 4.", 4.0)
+    frequency: float = key(FREQUENCY, "Swings per second of the skin without damping. Default 4.", 4.0)
     damping: float = key(
-        number(0.05, 10), "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7
+        DAMPING_RATIO, "Below 1 the skin swings past its place, from 1 on it does not. Default 0.7.", 0.7
     )
 
 
@@ -386,7 +390,7 @@ def _read_slides(value: Any) -> dict[str, tuple[tuple[float, ...], ...]]:
     return {clip: tuple(tuple(map(float, (*each, 0.0)[:4])) for each in keys) for clip, keys in value.items()}
 
 
-_OFFSET = number(-1e9, 1e9, "a length")
+_OFFSET = number(-MOST_LENGTH, MOST_LENGTH, "a length")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -436,7 +440,7 @@ class Touch(EffectTool):
         None,
         read=read_mask_of,
     )
-    pad: float = key(number(1e-9, 1e9, "a length"), "Radius of the tip, scene units.", group="Shape")
+    pad: float = key(SCENE_LENGTH, "Radius of the tip, scene units.", group="Shape")
     reach: Length = key(
         {**LENGTH, **slider(100, 300, 0.5, "%")},
         "Length over which the slide fades beyond the pad: a length or a percentage of the pad. Default 110%.",
@@ -485,7 +489,7 @@ class Touch(EffectTool):
                 expects(
                     "[seconds, forward, sideways] or [seconds, forward, sideways, depth]",
                     type="array",
-                    prefixItems=[SECONDS, _OFFSET, _OFFSET, number(0, 1e9, "a depth")],
+                    prefixItems=[SECONDS, _OFFSET, _OFFSET, number(0, MOST_LENGTH, "a depth")],
                     minItems=3,
                     maxItems=4,
                 ),

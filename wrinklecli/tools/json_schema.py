@@ -190,12 +190,15 @@ def key_fields(record: type) -> Iterator[Field[Any]]:
 
 TEXT = expects("text, in quotes where YAML would read a number, true, false or null", type="string", minLength=1)
 FLAG = expects("true or false", type="boolean")
+LEAST_LENGTH = 1e-9  # a nanometre in metres
+MOST_LENGTH = 1e9  # a metre in nanometres
+SCENE_LENGTH = number(LEAST_LENGTH, MOST_LENGTH, "a length")
 LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
 LENGTH = expects(
     LENGTHS,
     type=["number", "string"],
-    minimum=1e-9,  # a nanometre in metres
-    maximum=1e9,  # a metre in nanometres
+    minimum=LEAST_LENGTH,
+    maximum=MOST_LENGTH,
     maxLength=40,
     pattern=r"^\+?0*([1-9][0-9]{0,3}(\.[0-9]*)?|10000(\.0*)?|\.(0?[1-9])[0-9]*) ?%$",
     **slider(1, 300, 0.5, "%"),

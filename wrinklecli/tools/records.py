@@ -35,6 +35,7 @@ from wrinklecli.tools.json_schema import (
     FLAG,
     LENGTH,
     LENGTHS,
+    MOST_LENGTH,
     TEXT,
     Schema,
     any_keys,
@@ -69,6 +70,8 @@ MAX_TEXCOORD = 7  # sets of texture coordinates are numbered from 0; importers r
 
 SECONDS = number(0, 1e6, "seconds")
 _RATIO = number(0, 1, step=0.01)
+FREQUENCY = number(0.5, 60)
+DAMPING_RATIO = number(0.05, 10)
 SWINGS = slider(0.5, 20, 0.1, "Hz")  # from soft tissue to flesh so firm that nobody sees it swing
 DAMPING = slider(0.05, 2, 0.01)  # from jelly to twice the ratio from which on nothing swings
 _STRENGTH = {**number(-100, 100), **slider(-2, 2, 0.05)}
@@ -117,7 +120,9 @@ class Marker:
 
 def _coordinates(accepted: str, *types: str, **keywords: Any) -> Schema:
     """Three numbers, or other values of some types."""
-    return expects(accepted, type=["array", *types], items=number(-1e9, 1e9), minItems=3, maxItems=3, **keywords)
+    return expects(
+        accepted, type=["array", *types], items=number(-MOST_LENGTH, MOST_LENGTH), minItems=3, maxItems=3, **keywords
+    )
 
 
 def _read_position(value: Any) -> Position:
@@ -270,11 +275,9 @@ def _read_max_height(value: Any) -> Literal["auto"] | Length | None:
 class Lag:
     """A damped spring, by which heights follow the shortening late; damping is the ratio ζ, 1 is critical."""
 
-    frequency: float = key(
-        {**number(0.5, 60), **SWINGS}, "Swings per second of the tissue without damping. Default 6.", 6.0
-    )
+    frequency: float = key({**FREQUENCY, **SWINGS}, "Swings per second of the tissue without damping. Default 6.", 6.0)
     damping: float = key(
-        {**number(0.05, 10), **DAMPING}, "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.", 0.5
+        {**DAMPING_RATIO, **DAMPING}, "Below 1 heights overshoot and swing, from 1 on they do not. Default 0.5.", 0.5
     )
 
 

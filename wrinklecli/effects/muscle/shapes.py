@@ -14,7 +14,7 @@ import numpy as np
 
 from wrinklecli.effects.muscle.volume import FULLEST, ConstantVolume, flexed
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, interpolated, inverses, ramp, singular, smoothstep, unit
+from wrinklecli.numeric.arrays import Floats, Ints, bounded, interpolated, inverses, ramp, singular, smoothstep, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.region import FACING
 
@@ -202,5 +202,4 @@ def _allowed(skin: Skin, vertices: Ints, normals: Floats, heights: Floats) -> Fl
         opposite = (squares < reach**2) & (ahead > _AHEAD * np.sqrt(np.maximum(squares, 0.0)))
         opposite &= own @ facing.T < _OPPOSITE
         gaps[part] = np.where(opposite & (ahead > 0), ahead, np.inf).min(axis=1, initial=np.inf)
-    excess = greatest / (_OF_GAP * gaps)
-    return np.asarray((1.0 + excess**4) ** -0.25)
+    return bounded(greatest / (_OF_GAP * gaps))

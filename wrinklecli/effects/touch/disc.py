@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, ramp, smoothstep, unit
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, ramp, smoothstep, unit
 from wrinklecli.surface.path import Straight
 from wrinklecli.surface.region import FACING, Region
 from wrinklecli.surface.rest import Rest
@@ -83,7 +83,7 @@ def disc_on(rest: Rest, place: Place, radius: float, intervals: float, height: f
     corners = rest.positions[rest.triangles]
     distances, _ = place.polar(corners)
     longest = np.sqrt(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2)).max(axis=1)
-    normals = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals = unit(face_normals(rest.positions, rest.triangles))
     facing = np.abs(normals @ place.axes[2]) if not _outward(rest) else normals @ place.axes[2]
     near = (distances.min(axis=1) < radius + longest) & (facing > 0) & (still[rest.triangles] < 1).any(axis=1)
     return Disc(place, radius, intervals, height, np.flatnonzero(near), rest)

@@ -11,6 +11,7 @@ import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
+from wrinklecli.numeric.laplacian import vertex_areas
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.bones import BoneLines, bone_distances
@@ -159,7 +160,7 @@ def _still(ground: Ground, place: Place, soft: Floats | None) -> Bools:
 def _smooth_normals(positions: Floats, triangles: Ints, normals: Floats, moving: Bools, place: Place) -> Floats:
     """(vertices, 3) unit normals, those of (moving) vertices blurred over a part of the pad."""
     chosen = np.flatnonzero(moving)
-    masses = _areas(positions, triangles)[chosen]
+    masses = vertex_areas(positions, triangles)[chosen]
     own, places = normals[chosen], positions[chosen]
     found = normals.copy()
     for part in portions(len(chosen), len(chosen)):
@@ -206,7 +207,7 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
     load = place.load(positions[used]) * np.clip(outward @ place.axes[2], 0.0, 1.0)
     membrane = Membrane(positions[used], corners, axes, hold.tethers[used], ~moving[used])
     slides = membrane.slides(load[:, None] * _tangential(place.axes[:2], outward))
-    masses = _areas(positions[used], corners)
+    masses = vertex_areas(positions[used], corners)
     weights = masses * np.where(place.polar(positions[used])[0] < place.pad, 1.0, 0.0)
     if not weights.any():
         weights = masses * load
@@ -269,13 +270,6 @@ def _way_back(tree: "cKDTree", positions: Floats, normals: Floats, moving: Ints,
 def _tangential(axes: Floats, normals: Floats) -> Floats:
     """(axes, vertices, 3) the parts of (axes, 3) vectors in the planes of (vertices, 3) unit normals."""
     return np.asarray(axes[:, None] - (axes @ normals.T)[..., None] * normals)
-
-
-def _areas(positions: Floats, triangles: Ints) -> Floats:
-    """(vertices,) a third of the areas of the triangles at each."""
-    corners = positions[triangles]
-    areas = np.sqrt(np.sum(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) ** 2, axis=1)) / 6.0
-    return np.asarray(np.bincount(triangles.reshape(-1), np.repeat(areas, 3), len(positions)), np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

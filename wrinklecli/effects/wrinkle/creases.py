@@ -17,7 +17,7 @@ from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, children, cross, dot
+from wrinklecli.numeric.arrays import Floats, Ints, bounded, children, cross, dot
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.materials import PLAIN_HEIGHT
@@ -76,7 +76,7 @@ def creased(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig) -> Ca
     positions, normals = fine.posed_at(rest, vertices)
     u, v = patch.coordinates(positions)
     nearer = _nearer(carried, fine, rest, rig, patch.share(u, v, patch.cosines(u, normals)))
-    losses = 1.0 - np.maximum((1.0 + (nearer / _MOST_NEARER) ** 4) ** -0.25, _LEAST_FACTOR)
+    losses = 1.0 - np.maximum(bounded(nearer / _MOST_NEARER), _LEAST_FACTOR)
     if losses.max() < _LEAST_LOSS:
         return carried
     return faded(carried, losses, np.stack([u, v], axis=1))

@@ -21,8 +21,7 @@ from wrinklecli.numeric.reduction import fewest_axes
 MODE_ERROR = 1e-4
 """Greatest error of knots rebuilt from modes, relative to the tallest knot."""
 # Distances, and shortenings at each, at which knot heights are sampled for the modes.
-_SAMPLED_DISTANCES = 33
-_SAMPLED_SHORTENINGS = 33
+_SAMPLED = 33
 # Largest entries of a mode that differ by less than this are equal up to rounding.
 _SAME = 1e-9
 # Steps of regula falsi for the capacity, at most, and relative error of the squared height that ends them.
@@ -125,12 +124,12 @@ def reachable_heights(
     `greatest` is the greatest taut length, `reached` the greatest d, and `sharing` the total width of the first group's
     bumps, which share all of d.
     """
-    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, _SAMPLED_DISTANCES, endpoint=False)
+    distances = (greatest - reached) + reached * np.linspace(0.0, 1.0, _SAMPLED, endpoint=False)
     intervals = distances / interval_count
     # A tool that never rises still needs a shape.
     limit = max_height if max_height > 0 else math.inf
     greatest_shares = np.minimum((greatest - distances) / sharing, polyline_capacity(details, intervals, limit))
-    shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, _SAMPLED_SHORTENINGS + 1)[1:] ** 2
+    shares = greatest_shares[:, None] * np.linspace(0.0, 1.0, _SAMPLED + 1)[1:] ** 2
     heights = polyline_heights(details, shares, intervals[:, None])
     return heights.reshape(-1, heights.shape[-1])
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Array, Ints
+from wrinklecli.numeric.arrays import PLASTIC, Array, Ints
 from wrinklecli.review.preview.rays import LIFT, Hits, TracedSurface, unit_rows
 
 # Pixels along each axis that share one set of light rays; a box filter of this size blends their results.
@@ -26,10 +26,8 @@ _FAR = np.float32(1.2)
 _SAME_CURVE = np.float32(0.8)
 # and the ray is shorter than this, over half the picture's height.
 _SOON = np.float32(0.4)
-# Inverse of the golden ratio, whose multiples spread angles evenly.
+# Inverse of the golden ratio, whose multiples spread angles evenly, and form no pattern with those of `PLASTIC`.
 _GOLDEN = 0.6180339887498949
-# Inverse of the plastic number, whose multiples form no pattern with those of the golden ratio.
-_PLASTIC = 0.7548776662466927
 
 
 def light_up(
@@ -165,7 +163,7 @@ def _discs(count: int) -> Array:
     numbers = np.arange(count * REACH**2)
     squares = (numbers + 0.5) / len(numbers)
     angles = 2 * np.pi * _GOLDEN * numbers
-    lengths = (_PLASTIC * numbers + 0.5) % 1
+    lengths = (PLASTIC * numbers + 0.5) % 1
     radii = np.sqrt(squares)
     spiral = np.stack([radii * np.cos(angles), radii * np.sin(angles), squares, lengths], axis=1)
     return spiral.reshape(count, REACH**2, 4).astype(np.float32)
