@@ -12,6 +12,9 @@ from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric.arrays import Floats, cross
 
+MOST_TURN = 150.0
+"""Most degrees by which a joint turns to either side, as a knee and an elbow do."""
+
 _FROM_START_TO_END = np.array([0.0, 1.0])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from wrinklecli.character.bent import bent_areas
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
 from wrinklecli.character.clip import Channel, Clip, clip_name
-from wrinklecli.character.motion import motion_clip, quaternion_product, raising, turned_axis, turning
+from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, raising, turned_axis, turning
 from wrinklecli.character.pose import node_matrices, stored_positions
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.choices import Part
@@ -67,8 +67,6 @@ _TWIST = 45.0
 TELLING = 30.0
 # Least degrees of a motion.
 _LEAST_TURN = 5.0
-# Most degrees of a motion: a knee or an elbow.
-_MOST_TURN = 150.0
 # Cosine between an axis and a bone above which a turn about the axis twists the bone: 30°.
 _ALONG = 0.87
 # A bone's direction is clear if the sum of the offsets of the joints below is this long, relative to their lengths.
@@ -222,7 +220,7 @@ def _motions(rig: Rig, node: int, turns: Sequence[_Turn]) -> Iterator[tuple[str,
     for way, axis, ends in turns:
         for angle in ends:
             if abs(angle) >= _LEAST_TURN:
-                angle = float(np.clip(angle, -_MOST_TURN, _MOST_TURN))
+                angle = float(np.clip(angle, -MOST_TURN, MOST_TURN))
                 yield f"{rig.names[node]} {way}, {angle:+.0f}°", [turning(node, stored, axis, np.radians(angle))]
 
 

@@ -51,7 +51,16 @@ from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension, point_json, read_point
-from wrinklecli.drive.stored import Json, read_number, read_numbers, read_strengths, stored, strengths_json
+from wrinklecli.drive.stored import (
+    Json,
+    read_keys,
+    read_number,
+    read_numbers,
+    read_spring,
+    read_strengths,
+    stored,
+    strengths_json,
+)
 from wrinklecli.drive.table import Response, Weights, read_table, split
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
@@ -74,10 +83,6 @@ class Reader(Protocol[_Reading]):
 
     def __call__(self, times: Floats, known: dict[int, Floats], /) -> _Reading:
         """Measure at (frames,) seconds. `known` holds rows of nodes at these times, as in `node_rows`."""
-
-
-# Frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a tools file may.
-_FASTEST = 1_000.0
 
 
 class Moments(NamedTuple):
@@ -360,7 +365,7 @@ class StoredDrive:
             signal=read_angle(data, nodes) if joint else _read_segment(data, nodes, morph_names),
             targets=self.targets,
             response=response,
-            lag=_read_lag(data["lag"]) if "lag" in data else None,
+            lag=Lag(*read_spring(data["lag"])) if "lag" in data else None,
             strengths=strengths,
             strength=strength,
             own=tuple(str(name) for name in data.get("own", ())),
@@ -425,16 +430,6 @@ def _read_tension(data: Json, morph_names: Sequence[str]) -> Tension | None:
     said = data.get("tension")
     if said is None:
         return None
-    keys = {clip: read_numbers(each, -1, 2) for clip, each in said.get("keys", {}).items()}
-    if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
-        raise ValueError
-    name = said.get("morph")
+    keys, name = read_keys(said, 2), said.get("morph")
     there = name is not None and str(name) in morph_names
     return Tension(read_number(said["length"]), keys, list(morph_names).index(str(name)) if there else None)
-
-
-def _read_lag(data: Json) -> Lag:
-    lag = Lag(read_number(data["frequency"]), read_number(data["damping"]))
-    if not (0 < lag.frequency < _FASTEST and 0 < lag.damping < _FASTEST):
-        raise ValueError
-    return lag

@@ -12,11 +12,11 @@ Json: TypeAlias = dict[str, Any]
 DIGITS = 8
 """Significant decimal digits: those of float32."""
 
-MOST = 1e4
-"""Greatest frequency in hertz, damping ratio and gain of a spring that extras may ask for: more than a bake writes."""
-
 MOST_KEPT = 64
 """Clips whose motion a drive keeps: the same one is asked for at many times."""
+
+# Greatest frequency, in hertz, and damping ratio of a spring that extras may ask for: more than a bake writes.
+_MOST = 1e4
 
 
 def read_numbers(values: object, *shape: int) -> Floats:
@@ -34,6 +34,30 @@ def read_numbers(values: object, *shape: int) -> Floats:
 def read_number(value: object) -> float:
     """A finite number in extras, as `read_numbers`."""
     return float(read_numbers(value))
+
+
+def read_spring(data: Json) -> tuple[float, float]:
+    """The frequency, in hertz, and the damping ratio of a spring in extras.
+
+    Raises:
+        ValueError: They are none of a spring that a bake writes.
+    """
+    frequency, damping = (read_number(data[key]) for key in ("frequency", "damping"))
+    if not (0 < frequency < _MOST and 0 < damping < _MOST):
+        raise ValueError
+    return frequency, damping
+
+
+def read_keys(data: Json, columns: int) -> dict[str, Floats]:
+    """The `keys` of clips in extras, if there are such: (keys, columns) times and what is there.
+
+    Raises:
+        ValueError: A clip has none, or their times do not rise.
+    """
+    keys = {clip: read_numbers(each, -1, columns) for clip, each in data.get("keys", {}).items()}
+    if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
+        raise ValueError
+    return keys
 
 
 def stored(values: Floats | float, digits: int = DIGITS) -> Any:

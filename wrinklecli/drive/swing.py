@@ -34,7 +34,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import BaseDrive
-from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import MOST_KEPT, Json, read_number, read_numbers, read_spring, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
@@ -205,11 +205,9 @@ def read_swing(data: Json, nodes: Mapping[str, int]) -> SwingDrive:
     """
     modes = []
     for each in data["modes"]:
-        frequency, damping, gain = (read_number(each[key]) for key in ("frequency", "damping", "gain"))
-        if not (0 < frequency < MOST and 0 < damping < MOST):
-            raise ValueError
-        load = read_numbers(each["load"], 3)
-        modes.append(Mode(Spring(2.0 * np.pi * frequency, damping), load, gain))
+        frequency, damping = read_spring(each)
+        spring = Spring(2.0 * np.pi * frequency, damping)
+        modes.append(Mode(spring, read_numbers(each["load"], 3), read_number(each["gain"])))
     targets = tuple(str(name) for name in data["targets"])
     scale = read_number(data["scale"])
     at, gravity = (read_numbers(data[key], 3) for key in ("at", "gravity"))

@@ -19,6 +19,10 @@ TABLE_ERROR = 1 / 2048
 """Greatest error of a weight that is looked up, as a ratio of the greatest weight: a twentieth of the default
 `--max-error`, at 1 to 12 kB a file."""
 
+ROWS = 65
+"""Rows of a table before others are added where it needs them: straight lines between them are right to 1/3000 of the
+greatest weight of a muscle, and to 1/256 where heights start like a square root."""
+
 # Significant digits of tabulated weights, of which about four are right.
 _TABLE_DIGITS = 5
 # Significant digits of a muscle's table: two factors make a weight.

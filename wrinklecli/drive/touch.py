@@ -48,7 +48,7 @@ from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.segment import point_json, read_point
-from wrinklecli.drive.stored import MOST, MOST_KEPT, Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import MOST_KEPT, Json, read_keys, read_number, read_numbers, read_spring, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants
 from wrinklecli.numeric.memory import once
@@ -403,13 +403,10 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
     pad, grip, deepest = (read_number(data[key]) for key in ("pad", "grip", "deepest"))
-    frequency, damping = (read_number(data["release"][key]) for key in ("frequency", "damping"))
-    keys = {clip: read_numbers(each, -1, 4) for clip, each in data.get("keys", {}).items()}
+    frequency, damping = read_spring(data["release"])
     ends = {clip: read_numbers(each, -1) for clip, each in data.get("ends", {}).items()}
-    positive = min(pad, grip, deepest) > 0 and 0 < frequency < MOST and 0 < damping < MOST
-    rising = all(len(each) and (np.diff(each[:, 0]) > 0).all() for each in keys.values())
     limb = tuple(read_point(each, nodes, morph_names) for each in data.get("limb", ()))
-    if not (positive and rising) or len(limb) not in (0, 2):
+    if not min(pad, grip, deepest) > 0 or len(limb) not in (0, 2):
         raise ValueError
     found = TouchDrive(
         name=str(data["name"]),
@@ -419,7 +416,7 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
         deepest=deepest,
         release=Spring(2.0 * np.pi * frequency, damping),
         targets=tuple(str(name) for name in data["targets"]),
-        keys=keys,
+        keys=read_keys(data, 4),
         tip=read_point(data["by"], nodes, morph_names) if "by" in data else None,
         ends=ends,
         turn=read_number(data.get("turn", 0.0)),
@@ -430,7 +427,7 @@ def read_touch(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str])
     count = sum(len(found.slides) + len(place.windows) for place in found.places)
     if len(found.targets) != count + (TouchDrive.bent if limb else 0):
         raise ValueError
-    if (found.spacing > 0) != in_row or (in_row and (keys or limb)):
+    if (found.spacing > 0) != in_row or (in_row and (found.keys or limb)):
         raise ValueError
     return found
 

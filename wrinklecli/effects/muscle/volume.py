@@ -11,7 +11,7 @@ the activation takes a part of the belly's length, not of the tendons', which ma
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
-from wrinklecli.drive.table import BellyTable, Table
+from wrinklecli.drive.table import ROWS, BellyTable, Table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
 
@@ -22,9 +22,6 @@ against a held joint: 0.15 to 0.35, for instance by M. Narici and others, J. Phy
 SHORTEST, LONGEST = 0.5, 1.6
 """Belly lengths over that at rest between which a muscle keeps its volume: the filaments of its fibres slide no
 further. Beyond, its thickness stays."""
-
-# Rows of the table for players: straight lines between them are right to 1/3000 of the greatest weight.
-_ROWS = 65
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +80,7 @@ class ConstantVolume:
         """A table of the weights by shortenings."""
         # At rest nothing bulges, not by the error of a table either.
         lengths = distinct_values(
-            np.concatenate([np.linspace(SHORTEST, LONGEST, _ROWS), [1.0], self.knots[1:-1] ** -2])
+            np.concatenate([np.linspace(SHORTEST, LONGEST, ROWS), [1.0], self.knots[1:-1] ** -2])
         )[::-1]
         rows = 1.0 - (self.tendons + lengths * self.belly) / self.rest_length
         thicknesses = lengths**-0.5

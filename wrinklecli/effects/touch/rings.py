@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wrinklecli.drive.table import ROWS
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.touch.skin import Place
 from wrinklecli.frozen import dataclass
@@ -22,9 +23,6 @@ from wrinklecli.numeric.drawn import drawn
 from wrinklecli.surface.region import FACING
 from wrinklecli.tools.body import Touch, TouchWrinkles
 from wrinklecli.tools.records import drawn_from
-
-ROWS = 65
-"""Rows of the table of weights by the slide: straight lines between them are right to 1/256."""
 
 # Farthest that a furrow wanders from its circle, over the width of a ring, and loss of height along a crest, both at a
 # variation of 1; and differences of widths.

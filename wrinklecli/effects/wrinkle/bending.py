@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
-from wrinklecli.character.motion import motion_clip, raising, turning
+from wrinklecli.character.motion import MOST_TURN, motion_clip, raising, turning
 from wrinklecli.character.pose import Pose, node_matrices, pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
@@ -26,8 +26,6 @@ from wrinklecli.tools.records import RestLengthKeys, RestLengthMorph
 
 MOMENTS = 65
 """Sampled moments of a motion: a joint turns by 2.3° between two."""
-# Greatest turn of a joint to either side, radians: 150°, as knees and elbows turn.
-_MOST_TURN = np.radians(150.0)
 # A joint hardly bends the skin between two ends if the fractions of their weights that it carries differ by less.
 _LEAST_CARRIED = 0.1
 # Turn of a joint that a morph target must outdo to count as what drives a tool, radians: 30°, as far as a jaw opens.
@@ -156,7 +154,7 @@ def _shrinking(surface: Surface, number: int) -> float:
 
 def _jaw_share(patch: Patch, rig: Rig, before: float) -> float:
     """The fraction by which a tool's ends approach while the joint between them turns by 30° to the better side."""
-    time = np.array([_JAW_TURN / _MOST_TURN])
+    time = np.array([_JAW_TURN / np.radians(MOST_TURN)])
     after = [float(patch.segment.lengths(rig, turn, time).distances[0]) for turn in turns_of(patch, rig)]
     return 1.0 - min(after, default=before) / before
 
@@ -226,4 +224,4 @@ def _turning(rig: Rig, node: int, axis: Floats) -> Channel:
     # The axis in the parent's space that the parent takes to the wanted one.
     local = unit(np.linalg.pinv(world[:3, :3]) @ axis)
     stored = unit_quaternions(rig.locals[node]["rotation"])
-    return turning(node, stored, local, _MOST_TURN, np.linspace(0.0, 1.0, MOMENTS))
+    return turning(node, stored, local, np.radians(MOST_TURN), np.linspace(0.0, 1.0, MOMENTS))

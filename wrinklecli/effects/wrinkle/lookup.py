@@ -18,15 +18,13 @@ import numpy as np
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.drive.stored import stored
-from wrinklecli.drive.table import TABLE_ERROR, Table
+from wrinklecli.drive.table import ROWS, TABLE_ERROR, Table
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.remix import Remix
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.piecewise import key_points
 
-# Rows of `weight_path` for each group of bumps.
-_PATH_ROWS = 65
 # Rows after the last group is full, when only details of a polyline still move.
 _FULL_ROWS = 8
 # The start of a group of bumps is found to the last bits of a float by choosing one of so many parts. (Halves take
@@ -122,7 +120,7 @@ def curve_table(curve: ControlCurve) -> Table:
 def weight_path(curve: ControlCurve) -> Floats:
     """(rows, groups, modes) weights as the greatest rest length shortens to nothing, in small steps of the heights."""
     starts = group_starts(curve)
-    steps = np.linspace(0.0, 1.0, _PATH_ROWS) ** 2  # heights start like a square root
+    steps = np.linspace(0.0, 1.0, ROWS) ** 2  # heights start like a square root
     rising = [low + (high - low) * steps for low, high in pairwise(starts)]
     rows = distinct_values(np.concatenate([[0.0], *rising, np.linspace(starts[-1], 1.0, _FULL_ROWS)]))
     return curve.longest * weights_at(curve, rows)

@@ -28,8 +28,9 @@ from wrinklecli.surface.region import FACING, Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import WrinkleTool
 
-# Height at which there is hardly any crest, over the tool's.
-_LOW = 0.05
+LOW = 0.05
+"""Height at which there is hardly any crest, over the tool's."""
+
 # Points of a line on each control interval for its length, whose relative error is about 1e-4.
 _LINE_POINTS = 24
 # Stretches of a path's map between which displacement fades in. On the inside of a bend wrinkles would meet at 0.
@@ -215,7 +216,7 @@ class Patch(Attached[WrinkleTool], Region):
         It is NaN too for triangles within which two bumps become one.
         """
         places = self.places(u, v, np.ones(u.shape))
-        low = np.abs(places.factors) < _LOW * abs(self.shape_strength)
+        low = np.abs(places.factors) < LOW * abs(self.shape_strength)
         return np.where(low, np.nan, places.phases(self.curve))
 
     def presence(self, u: Floats, v: Floats, cosines: Floats) -> Floats:

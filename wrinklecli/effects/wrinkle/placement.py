@@ -8,7 +8,7 @@ import numpy as np
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
-from wrinklecli.effects.wrinkle.patch import Patch
+from wrinklecli.effects.wrinkle.patch import LOW, Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
 from wrinklecli.numeric.cells import Cells
@@ -24,8 +24,6 @@ _LINES = np.linspace(-0.75, 0.75, 7)
 _POINTS = 64
 # Least distance of two layers of a surface, over the segment.
 _APART = 0.01
-# Height over the tallest below which wrinkles are not checked.
-_LOW = 0.05
 # Distance over the mesh's size below which a surface touches a vertex at rest, and is not opposite.
 _TOUCHING = 1e-6
 # Pairs of a wrinkle's vertex and a triangle near by that are checked in all, which takes some seconds.
@@ -54,7 +52,7 @@ def ground_under(plan: MeshPlan, patch: Patch) -> SurfaceBelow:
     members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
     places, normals = fine.posed_at(patch.pose, vertices)
     u, v = patch.coordinates(places)
-    least = _LOW * abs(patch.shape_strength)
+    least = LOW * abs(patch.shape_strength)
     moves = np.abs(patch.magnitudes(u, v, normals)) > least
     points = (np.arange(_POINTS) + 0.5) / _POINTS
     ends = _cut(members, np.column_stack([u, positions]), v, 0.0)
@@ -122,7 +120,7 @@ def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivit
     fine = plan.fine
     count, worst = 0, None
     for way, peaks in zip((1.0, -1.0), _peaks(carried, clips), strict=True):
-        tall = np.flatnonzero(peaks > _LOW * peaks.max(initial=0.0))
+        tall = np.flatnonzero(peaks > LOW * peaks.max(initial=0.0))
         if not len(tall):
             continue
         vertices, heights, rooms = _rooms(fine, carried.vertices[tall], peaks[tall], way)
