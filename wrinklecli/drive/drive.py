@@ -37,8 +37,7 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
 - In layout 1 weights do not grow with the rest length; tools whose rest length changes have a `curve`: see `Curve`.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
@@ -61,10 +60,9 @@ from wrinklecli.drive.stored import (
     stored,
     strengths_json,
 )
-from wrinklecli.drive.table import Response, Weights, read_table, split
+from wrinklecli.drive.table import BaseDrive, Response, Weights, read_table, split
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
-from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.tools.records import Lag
 
 if TYPE_CHECKING:
@@ -120,43 +118,6 @@ class Lowered(NamedTuple):
 
     reading: Any
     heights: Floats
-
-
-class BaseDrive(ABC):
-    """What holds for a drive that says nothing else: its measurements are the weights of its targets."""
-
-    __slots__ = ()
-
-    @property
-    def own(self) -> tuple[str, ...]:
-        """Names of further targets, each of one clip alone, that replace its targets there."""
-        return ()
-
-    @property
-    def measures(self) -> bool:
-        """True if it sets weights in clips of other files, too."""
-        return True
-
-    @abstractmethod
-    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Any]:
-        """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
-
-    def weights(self, _clip: Clip | None, reading: Any, _response: Weights | None = None) -> Floats:
-        """(frames, targets) weights at measurements in a clip, by another response than its own if there is one."""
-        return np.asarray(reading)
-
-    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
-        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
-        read = self.reader(rig, clip)
-        return lambda times: self.weights(clip, read(times, {}))
-
-    def breaks(self, _clip: Clip) -> Floats:
-        """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""
-        return np.zeros(0)
-
-    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
-        """Why a tool makes no wrinkle at (frames,) seconds of a clip; None for what makes none."""
-        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

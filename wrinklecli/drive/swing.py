@@ -33,8 +33,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, node_rows
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.stored import MOST_KEPT, Json, read_number, read_numbers, read_spring, stored
+from wrinklecli.drive.table import BaseDrive
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing

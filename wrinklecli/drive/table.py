@@ -3,17 +3,21 @@
 Module `effects.wrinkle.lookup` makes those of a control curve.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from wrinklecli.character.clip import Clip
+from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
+from wrinklecli.numeric.piecewise import Signal
 
 TABLE_ERROR = 1 / 2048
 """Greatest error of a weight that is looked up, as a ratio of the greatest weight: a twentieth of the default
@@ -60,6 +64,43 @@ class Weights(Protocol):
 
     def weights(self, reading: Any) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
+
+
+class BaseDrive(ABC):
+    """What holds for a drive that says nothing else: its measurements are the weights of its targets."""
+
+    __slots__ = ()
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Names of further targets, each of one clip alone, that replace its targets there."""
+        return ()
+
+    @property
+    def measures(self) -> bool:
+        """True if it sets weights in clips of other files, too."""
+        return True
+
+    @abstractmethod
+    def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Any]:
+        """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
+
+    def weights(self, _clip: Clip | None, reading: Any, _response: Weights | None = None) -> Floats:
+        """(frames, targets) weights at measurements in a clip, by another response than its own if there is one."""
+        return np.asarray(reading)
+
+    def weights_in(self, rig: Rig, clip: Clip | None) -> Signal:
+        """A function from (frames,) seconds of a clip to (frames, targets) weights; None is the stored pose."""
+        read = self.reader(rig, clip)
+        return lambda times: self.weights(clip, read(times, {}))
+
+    def breaks(self, _clip: Clip) -> Floats:
+        """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""
+        return np.zeros(0)
+
+    def why_flat(self, _rig: Rig, _clip: Clip, _times: Floats) -> str | None:
+        """Why a tool makes no wrinkle at (frames,) seconds of a clip; None for what makes none."""
+        return None
 
 
 class Response(Weights, Protocol):

@@ -46,9 +46,9 @@ from wrinklecli.character.carried import CarriedPoint, carried_places, pose_carr
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.segment import point_json, read_point
 from wrinklecli.drive.stored import MOST_KEPT, Json, read_keys, read_number, read_numbers, read_spring, stored
+from wrinklecli.drive.table import BaseDrive
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants
 from wrinklecli.numeric.memory import once

@@ -10,9 +10,8 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle, angles_of, read_angle
-from wrinklecli.drive.drive import BaseDrive
 from wrinklecli.drive.stored import Json, read_strengths, strengths_json
-from wrinklecli.drive.table import Table, Weights, read_table
+from wrinklecli.drive.table import BaseDrive, Table, Weights, read_table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
 
