@@ -239,10 +239,10 @@ def test_a_profile_overrides_defaults_and_jobs_override_both() -> None:
     ]
     assert dict(read("m.yaml", text, profile="desktop")[0].options) == {"fps": 24, "max_levels": 2}
     place = "m.yaml:6: jobs[0].out"
-    assert complaints("m.yaml", text)[0] == "m.yaml:7: jobs[0].out: found {profile}, expected a profile: --profile"
+    assert complaints("m.yaml", text)[0] == "m.yaml:7: jobs[0].out: found {profile}, which needs --profile NAME"
     assert place not in complaints("m.yaml", text)
     expected = "m.yaml:3: profiles: found mobil, expected mobile or desktop; did you mean mobile?"
-    assert complaints("m.yaml", text.replace("{profile}", "x"), profile="mobil") == [expected]
+    assert complaints("m.yaml", text, profile="mobil") == [expected]
     none = "version: 1\njobs: [{asset: chars/a/a.glb, tools: t, out: o.glb}]\n"
     assert complaints("n.yaml", none, profile="m") == ["n.yaml:1: profiles: found m, but no manifest has profiles"]
     wrong = "version: 1\nprofiles:\n  mobile: {max_vertice: 3}\n  x: 1\njobs: [{asset: a.glb}]\n"

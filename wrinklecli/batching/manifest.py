@@ -229,9 +229,10 @@ class _Jobs:
     def add_all(self, sources: Sequence[_Source], profile: str | None) -> None:
         """Add the jobs of all entries that the schema accepts; what a later manifest says overrides earlier ones."""
         sections: list[tuple[str, ...]] = [("defaults",)]
-        if profile is not None and self._has_profile(sources, profile):
-            sections.append(("profiles", profile))
+        if profile is not None:
             self._words["profile"] = profile
+            if self._has_profile(sources, profile):
+                sections.append(("profiles", profile))
         inherited: dict[str, Any] = {}
         folders: dict[str, str] = {}  # of the manifest that gives a key
         for section in sections:
@@ -337,8 +338,8 @@ class _Jobs:
         unknown = [word for word in re.findall(r"\{(\w*)\}", text) if word not in words]
         if unknown:
             known = " or ".join(f"{{{each}}}" for each in words)
-            expected = "a profile: --profile" if unknown[0] == "profile" else known
-            self._refuse(line, f"{entry}.{key}", f"found {{{unknown[0]}}}, expected {expected}")
+            mended = "which needs --profile NAME" if unknown[0] == "profile" else f"expected {known}"
+            self._refuse(line, f"{entry}.{key}", f"found {{{unknown[0]}}}, {mended}")
             return
         if not is_path(text):
             self._refuse(line, f"{entry}.{key}", _no_path(text))
