@@ -130,7 +130,7 @@ class FileButtons:
         if isinstance(found, WrinkleError):
             raise found
         self._page.compare(found)
-        self._page.say(f"{found.summary}\nView, baked file: shows it in place")
+        self._page.say(f"{found.summary}\nThe tab View shows it in place: baked file")
 
     def _show_progress(self, stage: str, done: int, total: int) -> None:
         if self._running is not None:

@@ -82,7 +82,7 @@ class FieldLayer(BodyLayer[AttachedField]):
             for each, part in zip(self.attached, self.remaining, strict=False)
             if part < _LITTLE
         ]
-        ways = "bake those of other files (--anim), add folds to them (`wrinkle track`), or use a driver"
+        ways = "bake clips of other files (--anim), add folds to them (`wrinkle track`), or use a driver"
         return found if clips else [*found, f"{names}: there is no clip, so nothing folds yet: {ways}"]
 
 

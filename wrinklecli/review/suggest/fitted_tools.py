@@ -148,7 +148,7 @@ class Suggestion(Suggested):
             )
         elif self.crossings:
             remarks.append(
-                "Folded, it passes through itself; contact: resolve mends that: pip install 'wrinklecli[contact]'"
+                "Folded, it passes through itself. `contact: resolve` mends that (pip install 'wrinklecli[contact]')"
             )
         if self.one_sided:
             twin = exchange_sides(self.tool.name)
