@@ -59,7 +59,7 @@ def _plays() -> bool:
 def player(figure: Path) -> Iterator[tuple[str, bytes]]:
     """The page that plays a bake, with a figure, and the modules that it imports, directly or not: names, contents."""
     page = (PLAYER / "index.html").read_text(encoding="utf-8")
-    page = page.replace("./node_modules/three", "./three").replace("../out/trousers.glb", "figure.glb")
+    page = page.replace("./node_modules/three", "./three").replace("../../wrinkle-demo/wrinkled.glb", "figure.glb")
     page = page.replace(" (npm install brings three.js)", "")
     yield "play/index.html", page.encode()
     yield "play/figure.glb", figure.read_bytes()
