@@ -608,7 +608,8 @@ def _atlas(
     return found, rectangles
 
 
-_SKINS = {"pale": (0.94, 0.79, 0.71), "tan": (0.80, 0.58, 0.44), "dark": (0.36, 0.22, 0.16)}
+_SKINS = {"pale": (0.94, 0.79, 0.71), "tan": (0.80, 0.58, 0.44), "dark": (0.36, 0.22, 0.16), "green": (0.45, 0.62, 0.30),
+          "pink": (0.92, 0.58, 0.66), "black": (0.05, 0.05, 0.05)}  # fmt: skip
 
 
 def dressed(

@@ -1,12 +1,14 @@
 """The substance of places, by the colours of a whole character."""
 
+from collections import defaultdict
 from copy import deepcopy
 
 import numpy as np
+import pytest
 
 from kit.asset import Array, Asset
 from kit.bakes import place
-from kit.characters import avatar, cotton, denim, png
+from kit.characters import avatar, cotton, denim, dressed, png
 from kit.limb import limb_asset
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.gltf.document import read_document
@@ -41,6 +43,29 @@ def test_a_jacket_is_told_from_the_hands_of_another_mesh() -> None:
     del body["mesh"], body["skin"]
     assert jacket_of_skin(dressed) < 0.1
     assert jacket_of_skin(headless) > 0.9
+
+
+def kinds_by_joint(asset: Asset) -> dict[str, set[str]]:
+    """The substances of triangles, by the joint that their first corner follows most, without its side."""
+    path = place(asset)
+    (node,) = [number for number, each in enumerate(asset.gltf["nodes"]) if "mesh" in each]
+    ground = read_ground(read_document(path), node, [], ToolsFile(path=str(path)), ())
+    joints = ground.rig.joints[ground.surface.heaviest[ground.surface.triangles[:, 0]]]
+    found = defaultdict[str, set[str]](set)
+    for joint, kind in zip(joints.tolist(), substances_at(ground).tolist(), strict=True):
+        found[str(ground.rig.names[joint]).split(".")[0]].add(SUBSTANCES[kind])
+    return found
+
+
+@pytest.mark.parametrize("tone", ["tan", "dark", "green", "pink"])
+def test_skin_is_what_hands_and_head_have_in_common(tone: str) -> None:
+    found = kinds_by_joint(dressed(tone))
+    assert found["forearm"] == {"skin"}
+    assert found["spine"] == {"cloth"}
+
+
+def test_black_gloves_and_a_black_mask_are_no_skin() -> None:
+    assert "skin" not in kinds_by_joint(dressed("black"))["forearm"]
 
 
 def kinds_of(asset: Asset) -> list[str]:

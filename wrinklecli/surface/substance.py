@@ -93,10 +93,16 @@ _GREY, _PLAIN = 0.02, 0.015
 _DARK = (0.25, 0.37)
 # Parts of the body that show bare skin, the surest first: heads have hair.
 _SHOWING: tuple[tuple[Part, ...], ...] = (("hand", "palm", "finger"), ("head",))
-# Distance in Oklab at which a colour is another one than the bare skin's, and at which it is the same; and how much
-# less likely another one is skin: soles and lips differ, but not as brown trousers do.
-_SAME_SKIN = (0.1, 0.05)
+# Distances in Oklab at which a colour of human skin is still the bare skin's, and at which it is another one, which is
+# less likely skin: soles and lips differ, but not as brown trousers do.
+_OTHER_SKIN = (0.05, 0.1)
 _NOT_BARE = 0.7
+# Distances at which any colour is no longer the bare skin's, and at which it is.
+_SAME_SKIN = (0.05, 0.025)
+# Part of the hands and of the head that a colour has at least if it is the skin's: a face is a third of a head.
+_SHARED = 0.2
+# Colours that are tried as the skin's: one on a tenth of the hands is among them.
+_TRIED = 128
 # How far a colour that leather and cloth have alike looks like leather.
 _EITHER = 0.45
 # Confidence from which on a substance is called sure, and likely.
@@ -355,16 +361,16 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
 
 def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKind, float]]:
     """Find what colours say of each place."""
-    lightness, chroma, hue = swatches.lightness, swatches.chroma, swatches.hue
-    skin = _skin_like(swatches)
+    lightness, chroma, hue = _polar(swatches.colours)
+    skin = _skin_like(swatches.colours)
     brown = np.exp(-0.5 * ((hue - 56.0) / 20.0) ** 2) * ramp(chroma, 0.012, 0.03)
     brown *= ramp(lightness, _DARK[1] + 0.12, _DARK[0])
     # Black is the colour of leather and of cloth: the place decides.
     black = ramp(lightness, 0.35, 0.25) * ramp(chroma, 0.03, 0.015)
     tanned = np.maximum(brown, _EITHER * black)
     if bare is not None:
-        same = ramp(difference(swatches.colours, bare), *_SAME_SKIN)
-        skin = skin * (1.0 - _NOT_BARE * (1.0 - same))
+        apart = difference(swatches.colours, bare)
+        skin = np.maximum(skin * (1.0 - _NOT_BARE * ramp(apart, *_OTHER_SKIN)), ramp(apart, *_SAME_SKIN))
     found: dict[SubstanceKind, Floats] = {
         "skin": _COLOUR * skin.mean(axis=1),
         "leather": 0.9 * _COLOUR * tanned.mean(axis=1),
@@ -379,37 +385,85 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     ]
 
 
-def _skin_like(swatches: Swatches) -> Floats:
-    """(places, points) 1 for the colours of human skin, 0 for others.
+def _polar(colours: Floats) -> tuple[Floats, Floats, Floats]:
+    """(…,) lightness from 0 to 1, chroma and hue of (…, 3) colours in Oklab.
+
+    Grey has a chroma of 0, vivid colours have 0.2. The hue is in degrees from 0 to 360: red has 29, skin about 55.
+    """
+    lightness, a, b = np.moveaxis(colours, -1, 0)
+    return lightness, np.hypot(a, b), np.degrees(np.arctan2(b, a)) % 360.0
+
+
+def _alive(colours: Floats) -> Floats:
+    """(…,) 1 for (…, 3) colours that skin may have, be it a cartoon's, 0 for greys and what is darker than any skin."""
+    lightness, chroma, _ = _polar(colours)
+    return ramp(chroma, 0.012, 0.03) * ramp(lightness, *_DARK)
+
+
+def _skin_like(colours: Floats) -> Floats:
+    """(…,) 1 for (…, 3) colours of human skin, 0 for others.
 
     Haemoglobin and melanin give skin, pale and dark, hues around orange, and never vivid ones.
     """
-    hue, chroma = swatches.hue, swatches.chroma
+    _, chroma, hue = _polar(colours)
     of_hue = ramp(hue, 15.0, 30.0) * ramp(hue, 88.0, 74.0)
-    return of_hue * ramp(chroma, 0.012, 0.03) * ramp(chroma, 0.165, 0.13) * ramp(swatches.lightness, *_DARK)
+    return of_hue * ramp(chroma, 0.165, 0.13) * _alive(colours)
 
 
 def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
-    """(3,) the colour of a character's hands in Oklab, or of its head; None if neither has the colour of skin.
+    """(3,) the colour of a character's bare skin in Oklab, or None.
+
+    It is that of the hands, or else of the head, if most of them have the colour of human skin. Else it is the one that
+    both have, such as a cartoon's pink or a goblin's green.
 
     Args:
         meshes: Those of the character.
         parts: (nodes,) the part of the body that each node moves.
     """
-    for bare in _SHOWING:
-        for gauge, makeup in meshes:
-            surface, rig = gauge.surface, gauge.rig
-            if not rig.skinned:
-                continue
-            inside = np.array([parts[joint] in bare for joint in rig.joints.tolist()])[surface.heaviest]
-            areas = np.where(inside[gauge.triangles].all(axis=1), gauge.areas, 0.0)
-            if not areas.any():
-                continue
-            swatch = _swatches(makeup, [(np.arange(len(areas)), areas)])
-            skin = _skin_like(swatch) > 0.5
-            if swatch.coloured[0] > 0.5 and swatch.metallic[0] < _METALLIC and skin.mean() > 0.5:
-                return np.asarray(np.median(swatch.colours[skin], axis=0))
-    return None
+    shown = [_colours_shown(meshes, parts, showing) for showing in _SHOWING]
+    for colours, shares in shown:
+        human = _skin_like(colours) * shares
+        if human.sum() > 0.5:
+            tried = _some(colours)
+            return np.asarray(tried[(_near(tried, colours) @ human).argmax()])
+    tried = _some(shown[0][0])
+    shared = np.min([_near(tried, colours) @ shares for colours, shares in shown], axis=0)
+    shared *= _alive(tried)
+    return np.asarray(tried[shared.argmax()]) if shared.max(initial=0.0) > _SHARED else None
+
+
+def _near(colours: Floats, others: Floats) -> Floats:
+    """(colours, others) 1 where (colours, 3) colours are those of (others, 3), and 0 where they are not."""
+    return ramp(difference(colours[:, None], others), *_SAME_SKIN)
+
+
+def _some(colours: Floats) -> Floats:
+    """(tried, 3) colours, evenly chosen: each is held against all."""
+    return colours[:: 1 + len(colours) // _TRIED]
+
+
+def _colours_shown(
+    meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None], showing: tuple[Part, ...]
+) -> tuple[Floats, Floats]:
+    """(points, 3) colours of parts of the body, and (points,) shares of their area, without what is named otherwise."""
+    found, shares = [np.zeros((0, 3))], [np.zeros(0)]
+    for gauge, makeup in meshes:
+        surface, rig = gauge.surface, gauge.rig
+        if not rig.skinned:
+            continue
+        inside = np.array([parts[joint] in showing for joint in rig.joints.tolist()])[surface.heaviest]
+        bare = np.array(
+            [all(each is None or each.kind == "skin" for each in (hint.material, hint.node)) for hint in makeup.hints]
+        )
+        areas = np.where(inside[gauge.triangles].all(axis=1) & bare[makeup.primitives], gauge.areas, 0.0)
+        if not areas.any():
+            continue
+        swatches = _swatches(makeup, [(np.arange(len(areas)), areas)])
+        if swatches.coloured[0] > 0.5 and swatches.metallic[0] < _METALLIC:
+            found.append(swatches.colours[0])
+            shares.append(np.full(len(found[-1]), areas.sum()))
+    every = np.concatenate(shares)
+    return np.concatenate(found), every / max(float(every.sum()), 1e-300)
 
 
 def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | None:

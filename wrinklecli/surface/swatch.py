@@ -71,21 +71,6 @@ class Swatches:
     coloured: Floats
     metallic: Floats
 
-    @property
-    def lightness(self) -> Floats:
-        """(places, points) 0 to 1."""
-        return self.colours[..., 0]
-
-    @property
-    def chroma(self) -> Floats:
-        """(places, points) 0 is grey, and vivid colours have 0.2."""
-        return np.hypot(self.colours[..., 1], self.colours[..., 2])
-
-    @property
-    def hue(self) -> Floats:
-        """(places, points) degrees from 0 to 360: red has 29, skin about 55, blue 264."""
-        return np.degrees(np.arctan2(self.colours[..., 2], self.colours[..., 1])) % 360.0
-
 
 @dataclass(frozen=True, slots=True)
 class _Coat:
