@@ -1,9 +1,15 @@
 """Solutions that effects look up and keep by what they depend on, in a store that a caller gives."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Protocol, TypeVar
+from functools import partial
+from hashlib import blake2b
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from wrinklecli.numeric.arrays import Ints
 
 Solution = TypeVar("Solution")
 
@@ -37,6 +43,39 @@ def solutions_in(store: Store) -> Iterator[None]:
 def is_kept() -> bool:
     """True if solutions are kept in a store."""
     return _store.get() is not None
+
+
+def digest_of(arrays: Iterable[Any], name: str = "") -> str:
+    """A digest of arrays, and of a name; with shapes, as the numbers of two in a row may be divided otherwise."""
+    digest = blake2b(name.encode(), digest_size=32)
+    for each in map(np.ascontiguousarray, arrays):
+        digest.update(f"{each.shape} {each.dtype.str} ".encode())
+        digest.update(each.tobytes())
+    return digest.hexdigest()
+
+
+def kept_search(search: Callable[[], Ints], name: str, count: int, inputs: Callable[[], Iterable[Any]]) -> Ints:
+    """(count,) numbers from 0 on that a search finds, from the store if they are there.
+
+    The search depends on its `inputs`, which are arrays, and on nothing else. No other search has its name.
+    """
+    if not is_kept():
+        return search()
+    key = digest_of(inputs(), name)
+    found = kept_solution(key, partial(_numbers, count), what="what was searched for", most=4 * count)
+    if found is None:
+        found = search()
+        keep(key, found.astype("<u4").tobytes)
+    return found
+
+
+def _numbers(count: int, data: bytes) -> Ints:
+    """Read (count,) stored numbers.
+
+    Raises:
+        ValueError: There are fewer.
+    """
+    return np.frombuffer(data, "<u4", count).astype(np.intp)
 
 
 def kept_solution(key: str, read: Callable[[bytes], Solution], *, what: str, most: int) -> Solution | None:

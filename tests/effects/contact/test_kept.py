@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,8 +12,9 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 from kit.command import Wrinkle
 from kit.folds import knees
 from kit.limb import write_tools
-from wrinklecli.effects.contact import kept, sample
+from wrinklecli.effects.contact import kept, remaining, sample
 from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.numeric.arrays import Floats, Ints
 
 FORGERIES: list[Callable[[str], str]] = [
     lambda _: "{}",
@@ -50,17 +51,28 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
 
     def bake(out: str, *options: str) -> tuple[list[str], bytes]:
         solved.clear()
+        searched.clear()
         ran = wrinkle("bake", str(asset), str(tools), "-o", out, "-j", "1", *options)
         assert ran.code == 0, ran.lines
         assert not [line for line in ran.lines if "shapes/" in line]
         names = [patch.tool.name for members in solved for fold in members for patch in fold.patches]
         return names, Path(out).read_bytes()
 
+    counted, searched = remaining._Look._counts, list[remaining._Look]()
+
+    def looked(look: remaining._Look, poses: Iterator[Floats]) -> Ints:
+        searched.append(look)
+        return counted(look, poses)
+
+    looked.__qualname__ = counted.__qualname__
+    monkeypatch.setattr(remaining._Look, "_counts", looked)
     names = [str(tool["name"]) for tool in legs.tools]
     of_both, plain = bake("plain.glb")
     assert of_both == names
     for expected in (names, []):
         assert bake("out.glb", "--cache", "c") == (expected, plain)
+        # What crosses is not searched for again, either.
+        assert bool(searched) == bool(expected)
 
     # What is damaged is solved anew, and what is forged is no solution.
     entries = sorted(Path("c/shapes").glob("*/*"))
@@ -86,6 +98,7 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
     assert bake("changed.glb", "--cache", "c") == (names[:1], changed)
     asset = Path("out.glb")
     assert bake("replaced.glb", "--replace", "--cache", "c") == ([], changed)
+    assert not searched
 
 
 def _is_of(data: bytes, members: list[Fold], clips: sample._Clips) -> bool:

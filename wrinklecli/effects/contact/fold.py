@@ -4,9 +4,10 @@ Not in the paper, which names contact as a goal. Contact is solved for each fold
 one joint and the surface round it that may touch.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +20,8 @@ from wrinklecli.choices import Part
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
+from wrinklecli.effects.kept import kept_search
+from wrinklecli.effects.wrinkle.activity import activities
 from wrinklecli.effects.wrinkle.bending import bent_node
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import looked_up
@@ -221,18 +224,27 @@ class Fold:
     def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
         """Pose the wrinkled surface at (frames,) seconds of a clip.
 
-        Nothing lags in a motion that no file has (of index -1), since it stands for all clips, fast or slow.
-
         Returns:
             (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
             the vertices of other meshes.
         """
+        return self._posed(clip, times, self._amplitudes(clip, times))
+
+    def _amplitudes(self, clip: Clip | None, times: Floats) -> list[Floats]:
+        """The (frames, groups, modes) amplitudes of the tools in `moved` at (frames,) seconds of a clip.
+
+        Nothing lags in a motion that no file has (of index -1), since it stands for all clips, fast or slow.
+        """
+        patches = [carried.patch for carried, *_ in self.moved]
+        if clip is not None and clip.index < 0:
+            return [looked_up(each.curve, each.segment.lengths(self.rig, clip, times)) for each in patches]
+        return [each.amplitudes for each in activities(patches, self.rig, clip, times)]
+
+    def _posed(self, clip: Clip | None, times: Floats, amplitudes: Sequence[Floats]) -> tuple[Floats, Floats]:
+        """`posed` with the amplitudes at these times."""
         moves = np.zeros((len(times), len(self.vertices), 3))
-        for carried, here, there in self.moved:
-            amplitudes = None
-            if clip is not None and clip.index < 0:
-                amplitudes = looked_up(carried.patch.curve, carried.patch.segment.lengths(self.rig, clip, times))
-            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
+        for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
+            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
         for each in self.movers:
             here, there = self.shared_with(each.vertices)
             moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
@@ -249,8 +261,32 @@ class Fold:
 
     def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
+        amplitudes = self._amplitudes(clip, times)
         for part in portions(len(times), 8 * len(self.vertices)):
-            yield from zip(*self.posed(clip, times[part]), strict=True)
+            yield from zip(*self._posed(clip, times[part], [each[part] for each in amplitudes]), strict=True)
+
+    def searched(
+        self,
+        looks: Iterable[tuple[Clip, Floats]],
+        counting: Bools,
+        count: int,
+        search: Callable[[Iterator[Floats]], Ints],
+    ) -> Ints:
+        """(count,) numbers that a search finds in the fold's poses, where they are kept by the poses.
+
+        Args:
+            looks: Motions, and (frames,) seconds of each.
+            counting: (vertices,) the vertices that count.
+            count: Number of what is found.
+            search: Finds it in (vertices, 3) positions, one pose after another. Besides, it may depend on the triangles
+                and the rest positions of the fold, and on what counts.
+        """
+
+        def poses() -> Iterator[Floats]:
+            return (positions for look in looks for positions, _ in self.poses(*look))
+
+        fixed = [self.triangles, self.rest_positions, counting]
+        return kept_search(lambda: search(poses()), search.__qualname__, count, lambda: chain(fixed, poses()))
 
     def crossing(self, positions: Floats) -> Bools:
         """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.

@@ -6,9 +6,9 @@ effects move it there, and not on the numbers of its vertices in the mesh. So th
 
 import json
 from base64 import b64decode, b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from hashlib import blake2b
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.effects.contact.crease import Crease, Followed
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import GivenUp
+from wrinklecli.effects.kept import digest_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
@@ -52,24 +53,20 @@ def solution_key(
         times: The (frames,) seconds of a clip at which the folds are marched.
         how: What else decides how clips are solved.
     """
-    digest = blake2b(digest_size=32)
-
-    def add(*parts: Any) -> None:
-        for each in map(np.ascontiguousarray, parts):
-            digest.update(f"{each.shape} {each.dtype.str} ".encode())
-            digest.update(each.tobytes())
-
-    digest.update(json.dumps(_plain((members[0].rig, clips, how), {}), default=repr).encode())
     every = np.unique(np.concatenate([fold.vertices for fold in members]))
-    for fold in members:
-        add(np.searchsorted(every, fold.vertices), fold.triangles, fold.own, fold.border, fold.rest_positions)
-        add(fold.pivot, [fold.radius, fold.per_clip], fold.crossed)
+
+    def parts(fold: Fold) -> Iterator[Any]:
+        yield from (np.searchsorted(every, fold.vertices), fold.triangles, fold.own, fold.border, fold.rest_positions)
+        yield from (fold.pivot, [fold.radius, fold.per_clip], fold.crossed)
         sweeps = [(each.clip, each.times) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
         for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
-            add(moments, *fold.hinge.reading(fold.rig, clip, moments), fold.hinge.strides(fold.rig, clip, moments))
+            yield from (moments, *fold.hinge.reading(fold.rig, clip, moments))
+            yield fold.hinge.strides(fold.rig, clip, moments)
             for posed in fold.poses(clip, moments):
-                add(*posed)
-    return digest.hexdigest()
+                yield from posed
+
+    name = json.dumps(_plain((members[0].rig, clips, how), {}), default=repr)
+    return digest_of(chain.from_iterable(map(parts, members)), name)
 
 
 def _plain(value: Any, numbers: Mapping[int, int]) -> Any:

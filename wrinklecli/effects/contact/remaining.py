@@ -11,7 +11,7 @@ Crossings are counted as edges that pass through triangles, as in `check --cross
 fold's tools may move. Pairs that cross at rest do not count: they never collide.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -242,12 +242,17 @@ class _Look:
             fold = self.fold if low == 1.0 else self.fold.at_height(low)
             fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
             fresh = [key[0] for key in asked if key[1:] == (part, low) and key not in self._known]
-            for frame, (positions, _) in zip(fresh, fold.poses(self.clip, self.times[fresh]), strict=True):
-                count = len(self.fold.crossings.pairs_at(positions, self.counting) - self._still)
-                self._known[frame, part, low] = count if count >= _LEAST else 0
+            counts = fold.searched([(self.clip, self.times[fresh])], self.counting, len(fresh), self._counts)
+            self._known.update(zip(((frame, part, low) for frame in fresh), counts.tolist(), strict=True))
         found = np.zeros(len(self.times), np.intp)
         found[frames] = [self._known[key] for key in asked]
         return found
+
+    def _counts(self, poses: Iterator[Floats]) -> Ints:
+        """(poses,) edges that pass through triangles in (vertices, 3) positions."""
+        pairs = (self.fold.crossings.pairs_at(positions, self.counting) - self._still for positions in poses)
+        counts = np.array([*map(len, pairs)], np.intp)
+        return np.where(counts < _LEAST, 0, counts)
 
     def skin(self, frames: Ints) -> Ints:
         """(times,) such edges in some frames without contact and wrinkles."""

@@ -7,7 +7,7 @@ fold fits its own shapes to its part. Shapes, targets and look-ups are those of 
 alone: a set of targets for the whole system would have to follow several joints at once. Not in the paper.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 
@@ -170,22 +170,24 @@ def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tupl
 
 def crossing_in_sweeps(fold: Fold) -> Bools:
     """(vertices,) True for those that cross in a sweep and not at rest, as skinned and wrinkled."""
-    marked = np.zeros(len(fold.own), bool)
     looks = [(each.clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for each in fold.hinge.straight]
-    for clip, times in [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)]:
-        for positions in fold.posed(clip, times)[0]:
-            marked |= fold.crossing(positions)
-    return marked & ~fold.crossing(fold.rest_positions)
+    return _crossing_in(fold, [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)])
 
 
 def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
     """The fine vertices of a fold that cross in clips and not at rest, as skinned and wrinkled."""
-    marked = np.zeros(len(fold.own), bool)
-    for clip in clips:
-        for positions in fold.posed(clip, _moments([fold], clip))[0]:
-            marked |= fold.crossing(positions)
-    marked &= ~fold.crossing(fold.rest_positions)
+    marked = _crossing_in(fold, [(clip, _moments([fold], clip)) for clip in clips])
     return fold.vertices[marked[: len(fold.vertices)]]
+
+
+def _crossing_in(fold: Fold, looks: Sequence[tuple[Clip, Floats]]) -> Bools:
+    """(vertices,) True for those that cross at seconds of some motions, and not at rest."""
+
+    def crossing(poses: Iterator[Floats]) -> Ints:
+        marked = np.logical_or.reduce([fold.crossing(positions) for positions in poses])
+        return np.asarray(marked & ~fold.crossing(fold.rest_positions), np.intp)
+
+    return np.asarray(fold.searched(looks, fold.own, len(fold.own), crossing) > 0)
 
 
 def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
@@ -201,20 +203,19 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     Returns:
         The fold, which may have grown, and the fine vertices that cross and that it did not have, or held still.
     """
-    free = fold.vertices[fold.near[: len(fold.vertices)]]
-    reach = FREE * SOFT * fold.radius / UNITS
-    wide, fresh = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), np.zeros(0, np.intp)
-    counting = np.isin(wide.vertices, free)
-    still = wide.crossings.pairs_at(wide.rest_positions, counting)
-    for clip in clips:
-        for positions in wide.posed(clip, _moments([fold], clip))[0]:
-            pairs = wide.crossings.pairs_at(positions, counting) - still
-            crossing = wide.vertices[wide.crossings.corners_of(pairs)]
-            ours = np.isin(crossing, free)
-            fresh = np.union1d(fresh, crossing[ours.any(axis=1) & ~ours.all(axis=1)])
-    if not len(fresh):
-        return fold, fresh
-    return grown(fold, fresh, reach), fresh
+    wide = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius))
+    counting = np.isin(wide.vertices, fold.vertices[fold.near[: len(fold.vertices)]])
+
+    def held_still(poses: Iterator[Floats]) -> Ints:
+        still, marked = wide.crossings.pairs_at(wide.rest_positions, counting), np.zeros(len(counting), np.intp)
+        for positions in poses:
+            corners = wide.crossings.corners_of(wide.crossings.pairs_at(positions, counting) - still)
+            marked[corners[~counting[corners].all(axis=1)]] = 1
+        return marked
+
+    looks = [(clip, _moments([fold], clip)) for clip in clips]
+    fresh = wide.vertices[wide.searched(looks, counting, len(counting), held_still) > 0]
+    return grown(fold, fresh, FREE * SOFT * fold.radius / UNITS) if len(fresh) else fold, fresh
 
 
 def _moments(folds: Sequence[Fold], clip: Clip) -> Floats:

@@ -11,11 +11,11 @@ Character Animation*, SCCG 2005. Differs: that paper attaches springs to an offs
 fall off by distance; here, the weights are those of an elastic solid.
 """
 
-from hashlib import blake2b
 from itertools import product
 
 import numpy as np
 
+from wrinklecli.effects.kept import digest_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, ramp, smoothstep
 from wrinklecli.numeric.closest import is_inside, nearest_of
@@ -118,13 +118,8 @@ class NoFleshError(Exception):
 
 def solution_key(body: Body, place: Place, count: int) -> str:
     """A digest of all that `solve` depends on, besides this program."""
-    digest = blake2b(digest_size=32)
     softness = np.zeros(0) if place.softness is None else place.softness
-    for each in (body.positions, body.triangles, body.bones, place.at, np.array([place.radius, count]), softness):
-        # With shapes, as the numbers of two arrays in a row may be divided otherwise.
-        digest.update(f"{each.shape} {each.dtype.str} ".encode())
-        digest.update(np.ascontiguousarray(each).tobytes())
-    return digest.hexdigest()
+    return digest_of([body.positions, body.triangles, body.bones, place.at, [place.radius, count], softness])
 
 
 def solve(body: Body, place: Place, count: int) -> Swings:
