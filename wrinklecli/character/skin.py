@@ -8,6 +8,7 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.7.3.3 (skinning). Differs from e
 matrices themselves, whose normals lean where joints scale or shear.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Self
 
@@ -321,6 +322,11 @@ class SkinnedMesh:
         blended = blend(self.skin.influences.dense().T, joint_matrices(self.rig, clip, times, self.acting))
         bind = self.bind_positions + np.tensordot(morph_weights(self.rig, clip, times), self.deltas, axes=1)
         return transform(blended, bind if offsets is None else bind + offsets), blended[..., :3]
+
+    def inputs(self, clip: Clip | None, times: Floats) -> Iterator[Array]:
+        """The arrays on which `carried` depends, and on nothing else."""
+        yield from (self.skin.places, self.skin.influences.joints, self.skin.influences.weights)
+        yield from (joint_matrices(self.rig, clip, times, self.acting), morph_weights(self.rig, clip, times))
 
     @property
     def bind_positions(self) -> Floats:

@@ -60,7 +60,7 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
 
     counted, searched = remaining._Look._counts, list[remaining._Look]()
 
-    def looked(look: remaining._Look, poses: Iterator[Floats]) -> Ints:
+    def looked(look: remaining._Look, poses: Iterator[tuple[Floats, Floats]]) -> Ints:
         searched.append(look)
         return counted(look, poses)
 

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, reduce
-from itertools import compress
+from itertools import chain, compress
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -223,16 +223,22 @@ class Crease:
 
         `moves` are those of this fold, and of others that add to these.
         """
-        scale, fold, torn = UNITS / self.fold.radius, self.fold, set[int]()
+        scale, fold, moments = UNITS / self.fold.radius, self.fold, times[frames]
         places = [fold.shared_with(each.vertices) for each in moves]
-        for frame, (given, matrices) in zip(frames.tolist(), fold.poses(clip, times[frames]), strict=True):
-            shown = given.copy()
-            for (here, there), each in zip(places, moves, strict=True):
-                (moved,) = each.displacements(fold.fine, fold.rig, clip, times[[frame]])
-                shown[here] += np.einsum("vij,vj->vi", matrices[here], moved[there])
-            if fold.tissue.tears(scale * given, scale * shown):
-                torn.add(frame)
-        return torn
+        parts = [(here, each.shapes[:, there]) for (here, there), each in zip(places, moves, strict=True)]
+        weights = [interpolated(moments, each.times, each.weights) for each in moves]
+
+        def torn(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+            flags = np.zeros(len(frames), np.intp)
+            for number, (given, matrices) in enumerate(poses):
+                shown = given.copy()
+                for (here, shapes), own in zip(parts, weights, strict=True):
+                    shown[here] += np.einsum("vij,vj->vi", matrices[here], combined(own[number], shapes))
+                flags[number] = fold.tissue.tears(scale * given, scale * shown)
+            return flags
+
+        inputs = (fold.own, fold.crossed, fold.border, [fold.radius], *chain(*parts), *weights)
+        return {*frames[fold.searched([(clip, moments)], len(frames), torn, *inputs) > 0].tolist()}
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""

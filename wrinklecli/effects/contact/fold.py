@@ -4,11 +4,11 @@ Not in the paper, which names contact as a goal. Contact is solved for each fold
 one joint and the surface round it that may touch.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -265,28 +265,43 @@ class Fold:
         for part in portions(len(times), 8 * len(self.vertices)):
             yield from zip(*self._posed(clip, times[part], [each[part] for each in amplitudes]), strict=True)
 
+    def inputs(self, clip: Clip | None, times: Floats) -> Iterator[Any]:
+        """The arrays on which `poses` depends, and on nothing else; to pose takes ten times as long."""
+        for each in (self.mesh, *self.others):
+            yield from each.inputs(clip, times)
+        for (carried, here, there), amplitudes in zip(self.moved, self._amplitudes(clip, times), strict=True):
+            yield here
+            if carried.ring is None:
+                yield from (carried.patch.clip_strength(clip) * amplitudes, carried.shapes(there))
+                yield carried.directions[there]
+            else:
+                yield displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
+        for mover in self.movers:
+            here, there = self.shared_with(mover.vertices)
+            yield from (here, mover.displacements(self.fine, self.rig, clip, times)[:, there])
+
     def searched(
         self,
-        looks: Iterable[tuple[Clip, Floats]],
-        counting: Bools,
+        looks: Sequence[tuple[Clip, Floats]],
         count: int,
-        search: Callable[[Iterator[Floats]], Ints],
+        search: Callable[[Iterator[tuple[Floats, Floats]]], Ints],
+        *inputs: Any,
     ) -> Ints:
-        """(count,) numbers that a search finds in the fold's poses, where they are kept by the poses.
+        """(count,) numbers that a search finds in the fold's poses, from where they are kept by what it depends on.
 
         Args:
             looks: Motions, and (frames,) seconds of each.
-            counting: (vertices,) the vertices that count.
             count: Number of what is found.
-            search: Finds it in (vertices, 3) positions, one pose after another. Besides, it may depend on the triangles
-                and the rest positions of the fold, and on what counts.
+            search: Finds it in `poses`.
+            inputs: The arrays on which the search depends besides, but the triangles and rest positions of the fold.
         """
-
-        def poses() -> Iterator[Floats]:
-            return (positions for look in looks for positions, _ in self.poses(*look))
-
-        fixed = [self.triangles, self.rest_positions, counting]
-        return kept_search(lambda: search(poses()), search.__qualname__, count, lambda: chain(fixed, poses()))
+        looks, fixed = [look for look in looks if len(look[1])], [self.triangles, self.rest_positions, *inputs]
+        return kept_search(
+            lambda: search(chain.from_iterable(self.poses(*look) for look in looks)),
+            search.__qualname__,
+            count,
+            lambda: chain(fixed, *(self.inputs(*look) for look in looks)),
+        )
 
     def crossing(self, positions: Floats) -> Bools:
         """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.

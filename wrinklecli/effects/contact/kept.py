@@ -1,7 +1,8 @@
 """Solved folds, kept by all that their solution depends on: where one tool of many moves, the other folds are found.
 
 A fold is a part of a refined mesh. Its solution depends on this part in the poses of sweeps and clips, as all tools and
-effects move it there, and not on the numbers of its vertices in the mesh. So the key is a digest of these poses.
+effects move it there, and not on the numbers of its vertices in the mesh. So the key is a digest of all that makes these
+poses. What is searched for in poses is kept likewise (`Fold.searched`).
 """
 
 import json
@@ -62,8 +63,7 @@ def solution_key(
         for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
             yield from (moments, *fold.hinge.reading(fold.rig, clip, moments))
             yield fold.hinge.strides(fold.rig, clip, moments)
-            for posed in fold.poses(clip, moments):
-                yield from posed
+            yield from fold.inputs(clip, moments)
 
     name = json.dumps(_plain((members[0].rig, clips, how), {}), default=repr)
     return digest_of(chain.from_iterable(map(parts, members)), name)

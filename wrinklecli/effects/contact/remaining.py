@@ -242,15 +242,15 @@ class _Look:
             fold = self.fold if low == 1.0 else self.fold.at_height(low)
             fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
             fresh = [key[0] for key in asked if key[1:] == (part, low) and key not in self._known]
-            counts = fold.searched([(self.clip, self.times[fresh])], self.counting, len(fresh), self._counts)
+            counts = fold.searched([(self.clip, self.times[fresh])], len(fresh), self._counts, self.counting)
             self._known.update(zip(((frame, part, low) for frame in fresh), counts.tolist(), strict=True))
         found = np.zeros(len(self.times), np.intp)
         found[frames] = [self._known[key] for key in asked]
         return found
 
-    def _counts(self, poses: Iterator[Floats]) -> Ints:
-        """(poses,) edges that pass through triangles in (vertices, 3) positions."""
-        pairs = (self.fold.crossings.pairs_at(positions, self.counting) - self._still for positions in poses)
+    def _counts(self, poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+        """(poses,) edges that pass through triangles in each of some poses."""
+        pairs = (self.fold.crossings.pairs_at(positions, self.counting) - self._still for positions, _ in poses)
         counts = np.array([*map(len, pairs)], np.intp)
         return np.where(counts < _LEAST, 0, counts)
 

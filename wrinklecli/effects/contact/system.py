@@ -183,11 +183,11 @@ def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
 def _crossing_in(fold: Fold, looks: Sequence[tuple[Clip, Floats]]) -> Bools:
     """(vertices,) True for those that cross at seconds of some motions, and not at rest."""
 
-    def crossing(poses: Iterator[Floats]) -> Ints:
-        marked = np.logical_or.reduce([fold.crossing(positions) for positions in poses])
+    def crossing(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+        marked = np.logical_or.reduce([fold.crossing(positions) for positions, _ in poses])
         return np.asarray(marked & ~fold.crossing(fold.rest_positions), np.intp)
 
-    return np.asarray(fold.searched(looks, fold.own, len(fold.own), crossing) > 0)
+    return np.asarray(fold.searched(looks, len(fold.own), crossing, fold.own) > 0)
 
 
 def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
@@ -206,15 +206,15 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     wide = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius))
     counting = np.isin(wide.vertices, fold.vertices[fold.near[: len(fold.vertices)]])
 
-    def held_still(poses: Iterator[Floats]) -> Ints:
+    def held_still(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
         still, marked = wide.crossings.pairs_at(wide.rest_positions, counting), np.zeros(len(counting), np.intp)
-        for positions in poses:
+        for positions, _ in poses:
             corners = wide.crossings.corners_of(wide.crossings.pairs_at(positions, counting) - still)
             marked[corners[~counting[corners].all(axis=1)]] = 1
         return marked
 
     looks = [(clip, _moments([fold], clip)) for clip in clips]
-    fresh = wide.vertices[wide.searched(looks, counting, len(counting), held_still) > 0]
+    fresh = wide.vertices[wide.searched(looks, len(counting), held_still, counting) > 0]
     return grown(fold, fresh, FREE * SOFT * fold.radius / UNITS) if len(fresh) else fold, fresh
 
 
