@@ -211,6 +211,11 @@ class BodyLayer(ABC, Generic[AttachedType]):
         """None: they act alike in clips of one motion."""
         return frozenset()
 
+    @property
+    def sampled_numbers(self) -> int:
+        """Weights, as states too."""
+        return sum(2 * len(each) for each in self.deltas)
+
     def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """The vertices that each target moves."""
         return [len(moved) for part in self.parts for moved in part.target_vertices]

@@ -7,6 +7,7 @@ outside an edit cannot change. `tests/benchmarks/README.md` says how ruamel.yaml
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -92,12 +93,6 @@ def _value_of(lines: Sequence[str]) -> Any:
     """The value that lines of YAML say."""
     root, _ = read_tree("\n".join(lines))
     return None if root is None else root.value
-
-
-def _changed(text: str, changes: Sequence[_Change]) -> str:
-    for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
-        text = text[:start] + instead + text[end:]
-    return text
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +195,7 @@ class ToolsText:
 
     def of_list(self, key: str) -> "ToolsText":
         """The same text with the items of another list as its tools."""
-        return self if key == self.key else ToolsText(self.text, self.name, key)
+        return self if key == self.key else replace(self, key=key)
 
     @property
     def header(self) -> Mapping[str, Any]:
@@ -250,7 +245,7 @@ class ToolsText:
         copy = {**self.tools[number], "name": name}
         anchored = (each.start for each in self._item(number).within() if each.anchor and each.kind != "alias")
         gone = [(*found.span(), "") for at in anchored if (found := _ANCHOR.match(self.text, at))]
-        lines = ToolsText(_changed(self.text, gone), self.name, self.key).lines_of(number)
+        lines = self._changed(*gone).lines_of(number)
         behind = number + 1
         return self._first_right(
             lambda edited: edited.tools == (*self.tools[:behind], copy, *self.tools[behind:]),
@@ -273,7 +268,7 @@ class ToolsText:
         # Anchors move to others only if these lines do not have them again.
         return self._first_right(
             lambda edited: edited.tools == self._with_tools(instead_of, *edited.tools[instead_of : instead_of + 1]),
-            lambda: ToolsText(_changed(self.text, [change]), self.name, self.key),
+            lambda: self._changed(change),
             lambda: self._with(change),
         )
 
@@ -299,7 +294,7 @@ class ToolsText:
         if self._root.flow:
             return self._with(self._removal(self._root, at))
         ends = self._line_start(self._root.keys[at].start), self._line_end(self._root.items[at].end, behind=True)
-        return ToolsText(_changed(self.text, [(*ends, "")]), self.name, self.key)
+        return self._changed((*ends, ""))
 
     def with_key(self, key: str, value: Any) -> "ToolsText":
         """Set a key of the file to a value in one line; a new one stands right before the tools."""
@@ -374,15 +369,13 @@ class ToolsText:
         """Let a tool merge what it was, so that its own keys are new, and others repeat what it was."""
         part = self._item(number)
         if part.flow:
-            return ToolsText(
-                _changed(self.text, [(part.start, part.start, "{<<: "), (part.end, part.end, "}")]), self.name, self.key
-            )
+            return self._changed((part.start, part.start, "{<<: "), (part.end, part.end, "}"))
         first, *others = self.lines_of(number)
         lines = [f"<<: {first}", *(f"  {line}" if line else line for line in others)]
         if not first.startswith("&"):
             lines = ["<<:", f"  {first}", *lines[1:]]
         change = (part.start, part.end, self._indented(lines, self._column(part.start)))
-        return ToolsText(_changed(self.text, [change]), self.name, self.key)
+        return self._changed(change)
 
     # The places of values in the text.
 
@@ -469,10 +462,16 @@ class ToolsText:
 
     # Changes of the text.
 
+    def _changed(self, *changes: _Change) -> "ToolsText":
+        text = self.text
+        for start, end, instead in sorted(changes, key=lambda change: change[0], reverse=True):
+            text = text[:start] + instead + text[end:]
+        return replace(self, text=text)
+
     def _with(self, *changes: _Change) -> "ToolsText":
         """Apply changes; an anchored value that they remove moves to the first alias that repeats it."""
         moved = [each for start, end, _ in changes for each in self._moved_anchors(start, end)]
-        return ToolsText(_changed(self.text, [*changes, *moved]), self.name, self.key)
+        return self._changed(*changes, *moved)
 
     def _moved_anchors(self, start: int, end: int) -> Iterator[_Change]:
         reached = start

@@ -66,11 +66,6 @@ class FleshLayer(BodyLayer[AttachedFlesh]):
 
     section: ClassVar[str] = Flesh.section
 
-    @property
-    def sampled_numbers(self) -> int:
-        """Weights, as states too."""
-        return sum(2 * len(each) for each in self.deltas)
-
     def words(self, _plan: MeshPlan, attached: AttachedFlesh, deltas: Floats) -> FleshWords:
         """The words of one of them about itself."""
         return FleshWords(attached, deltas)

@@ -124,11 +124,6 @@ class TouchLayer(BodyLayer[AttachedTouch]):
 
     section: ClassVar[str] = Touch.section
 
-    @property
-    def sampled_numbers(self) -> int:
-        """Weights, as states too."""
-        return sum(2 * len(each) for each in self.deltas)
-
     def words(self, _plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> TouchWords:
         """The words of one of them about itself."""
         return TouchWords(attached, deltas)
