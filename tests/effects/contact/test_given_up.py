@@ -20,7 +20,7 @@ from kit.player import Gltf
 from wrinklecli.baking.report import Report
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact import crease, march, solution, tearing
+from wrinklecli.effects.contact import march, sample, solution, tearing
 from wrinklecli.effects.contact.crease import Crease, MarchedClip
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import UNSETTLED
@@ -375,7 +375,7 @@ def test_a_fold_that_its_own_motion_gives_up_is_solved_no_further(
         solved.append(deepest)
         return MarchedClip(clip, times[:2], {}, {1: UNSETTLED})
 
-    monkeypatch.setattr(crease, "march_clip", failing)
+    monkeypatch.setattr(sample, "march_clip", failing)
     asset, tools = FOLDS["low_poly"]().write(tmp_path, contact="resolve")
     (fold,) = wrinklecli.bake(asset, tools, tmp_path / "out.glb", jobs=1).data["folds"]
     assert fold["given_up"]["reason"] == UNSETTLED

@@ -310,13 +310,13 @@ def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
 ) -> None:
     """The muscle stands before the tools among the effects, and stays as it is."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    from wrinklecli.effects.contact import crease
+    from wrinklecli.effects.contact import sample
     from wrinklecli.effects.contact.given_up import DEGENERATE
 
     def unresolved(*_: Any, **__: Any) -> None:
         raise FloatingPointError
 
-    monkeypatch.setattr(crease, "resolve", unresolved)
+    monkeypatch.setattr(sample, "resolve", unresolved)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, contact="resolve"), muscles=[muscle(travel=False)])
     report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
     (fold,) = report.data["folds"]

@@ -168,12 +168,12 @@ class Crease:
         return (self.fold.tissue.free & self.fold.own) | self.fold.raised
 
     def follow(self, marched: "MarchedClip") -> "Followed":
-        """Fit the shapes to the solutions of a clip, each pose for itself.
+        """Fit the shapes to the solutions of a clip, each pose for itself; a fit that tears the surface is a fault.
 
         In frames with a fault, weights are those of the last good frame and of the next. A clip without a good frame
         has weights that are looked up: at its end, a table holds the last good ones.
         """
-        weights = np.zeros((len(marched.times), len(self.shapes)))
+        weights, faults = np.zeros((len(marched.times), len(self.shapes))), dict(marched.faults)
         crossing, unspanned, error, lost, times = list[int](), list[int](), 0.0, 0.0, marched.times
         # What lies between others comes after them.
         for frame in sorted(marched.touching, key=lambda frame: marched.solutions[frame].between is not None):
@@ -187,12 +187,14 @@ class Crease:
             error = max(error, float(found.errors(moved).max(initial=0.0)))
             loss = abs(found.volume_change(moved))
             lost = max(lost, loss)
-            # A fit may take no more volume away than it may, and than the solution does, and may tear nothing.
-            if loss > max(MOST_LOST, abs(found.volume_change(found.moved))) or found.tears(moved):
+            if found.tears(moved):
+                faults[frame] = TORN
+            # A fit may take no more volume away than it may, and than the solution does.
+            if frame in faults or loss > max(MOST_LOST, abs(found.volume_change(found.moved))):
                 unspanned.append(frame)
             if crosses:
                 crossing.append(frame)
-        good = np.setdiff1d(np.arange(len(weights)), sorted(marched.faults))
+        good = np.setdiff1d(np.arange(len(weights)), sorted(faults))
         if len(good):
             weights = interpolated(times, times[good], weights[good])
         elif self.swept:
@@ -205,18 +207,8 @@ class Crease:
             lost=lost,
             crossing=tuple(sorted(crossing)),
             unspanned=tuple(sorted({*crossing, *unspanned})),
-            faults=marched.faults,
+            faults=faults,
         )
-
-    def sweeping(self, sweeps: "Iterable[MarchedClip]") -> "Crease":
-        """The same fold with the fits to its sweeps, in which poses that the shapes tear have a fault, too."""
-        swept = list[Followed]()
-        for marched in sweeps:
-            followed = self.follow(marched)
-            made = ((frame, combined(followed.weights[frame], self.shapes)) for frame in marched.touching)
-            torn = [frame for frame, moved in made if marched.solutions[frame].tears(moved)]
-            swept.append(replace(followed, faults=dict.fromkeys(torn, TORN) | dict(marched.faults)))
-        return replace(self, swept=tuple(swept))
 
     def torn_frames(self, clip: Clip, times: Floats, frames: Ints, moves: Sequence[Moves]) -> set[int]:
         """The frames, of some in a clip of (frames,) seconds, in which contact tears the surface.
@@ -431,9 +423,10 @@ def resolve(
         # Frames in which normals are to be right: those with the greatest weight of each shape, and an even choice.
         even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
         chosen = sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
-    return Crease(
+    crease = Crease(
         fold=fold,
         shapes=shapes,
         samples=tuple((weights[k], *poses[k][:2]) for k in chosen),
         largest=max((found.greatest_move for *_, found in poses), default=0.0) * fold.radius / UNITS,
-    ).sweeping(sweeps)
+    )
+    return replace(crease, swept=tuple(map(crease.follow, sweeps)))

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wrinklecli.drive.drive import Drive, Rows
+from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
 from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
@@ -16,10 +16,6 @@ from wrinklecli.errors import counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
-
-if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
-
 
 SECTION = "folds"
 """The key of extras and report under which folds stand."""
@@ -100,11 +96,11 @@ class ContactWords:
         heights: By the names of clips, the parts of their height that the tools keep over time; 1 in other clips.
     """
 
-    crease: "Crease"
+    crease: Crease
     tools: tuple[str, ...]
-    followed: "Mapping[str, Followed]"
+    followed: Mapping[str, Followed]
     remaining: tuple[Remaining, ...]
-    player_errors: "Mapping[str, PlayerError]"
+    player_errors: Mapping[str, PlayerError]
     heights: Mapping[str, Rows] = field(default_factory=dict)
     remedy: str = "`contact: off`"
     left_out: str | None = None

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from operator import call
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
+from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, given_up_by, march_clip, resolve
 from wrinklecli.effects.contact.effect import (
     MOST_APART,
     SECTION,
@@ -22,8 +23,21 @@ from wrinklecli.effects.contact.effect import (
     NonNegativeBasis,
     contact_effect,
 )
+from wrinklecli.effects.contact.fitting import MOST_WEIGHT
+from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, unless_degenerate
 from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.kept import MOST_BYTES, SolvedSystem, read, solution_key, written
+from wrinklecli.effects.contact.remaining import Shown, heights_without, shown_in
+from wrinklecli.effects.contact.system import (
+    System,
+    crossing_in_clips,
+    crossing_in_sweeps,
+    grouped,
+    holding_contacts,
+    near_each_other,
+    touching_in_clips,
+)
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
 from wrinklecli.effects.sampling import duplicates_of
@@ -36,19 +50,9 @@ from wrinklecli.numeric.guard import one_thread
 from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
 
-if TYPE_CHECKING:
-    from wrinklecli.effects.contact.crease import (
-        Crease,
-        Followed,
-        MarchedClip,
-    )
-    from wrinklecli.effects.contact.fold import Fold
-    from wrinklecli.effects.contact.kept import SolvedSystem
-    from wrinklecli.effects.contact.system import System
-
 _Value = TypeVar("_Value")
 # Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
-_Spanned: TypeAlias = "Sequence[tuple[Crease, Mapping[int, Followed]]]"
+_Spanned: TypeAlias = Sequence[tuple[Crease, Mapping[int, Followed]]]
 
 # Poses of a clip, evenly spread, that shapes are made of.
 _CLIP_POSES = 16
@@ -70,7 +74,7 @@ _GROWTHS = 3
 
 
 def resolve_folds(
-    folds: "Sequence[Fold]", plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
+    folds: Sequence[Fold], plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
 ) -> list[Effect]:
     """Resolve folds and follow each clip, as `Layer.effects` does.
 
@@ -102,7 +106,7 @@ def resolve_folds(
 
 
 def _refuse_large(
-    systems: "Sequence[list[Fold]]",
+    systems: Sequence[list[Fold]],
     clips: Sequence[Clip],
     how: SamplingOptions,
     at_once: int,
@@ -155,16 +159,14 @@ class _Clips:
         """The values of some first clips, by the names of all clips with their motions."""
         return {clip.name: found[first] for clip, first in zip(self.every, self.firsts, strict=True) if first in found}
 
-    def times_for(self, folds: "Sequence[Fold]", clip: Clip) -> Floats:
+    def times_for(self, folds: Sequence[Fold], clip: Clip) -> Floats:
         """(frames,) seconds at which folds that are solved together are marched in a clip."""
         return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(folds, clip, self.fps)
 
 
-def _solved_systems(systems: "Sequence[list[Fold]]", clips: _Clips, jobs: int) -> "Iterator[SolvedSystem]":
+def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> Iterator[SolvedSystem]:
     """Find the systems that are kept, and resolve the others in so many processes."""
-    from wrinklecli.effects.contact.kept import MOST_BYTES, read, solution_key, written
-
-    keys, known = list[str](), dict[int, "SolvedSystem"]()
+    keys, known = list[str](), dict[int, SolvedSystem]()
     for number, members in enumerate(systems if is_kept() else ()):
         times = partial(clips.times_for, members)
         keys.append(solution_key(members, clips.moving, times, [clips.fps, clips.even]))
@@ -187,16 +189,12 @@ def _solved_systems(systems: "Sequence[list[Fold]]", clips: _Clips, jobs: int) -
             yield solved
 
 
-def _solved_system(members: "list[Fold]", *, clips: _Clips, jobs: int) -> "SolvedSystem":
+def _solved_system(members: list[Fold], *, clips: _Clips, jobs: int) -> SolvedSystem:
     """Resolve the folds of a system, and solve and follow the clips.
 
     The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
     clips are solved beside the sweeps whose axes lean, as neither needs the other.
     """
-    from wrinklecli.effects.contact.crease import given_up_by, march_clip
-    from wrinklecli.effects.contact.kept import SolvedSystem
-    from wrinklecli.effects.contact.system import System
-
     crossing = [fold for fold in members if fold.crosses]
     # What all processes use is computed once.
     ready = [fold for fold in crossing if unless_degenerate(partial(_collides, fold))]
@@ -236,20 +234,18 @@ def _solved_system(members: "list[Fold]", *, clips: _Clips, jobs: int) -> "Solve
     return SolvedSystem(given_up, spanned)
 
 
-def _collides(fold: "Fold") -> bool:
+def _collides(fold: Fold) -> bool:
     """True if anything of a fold may touch."""
     return fold.tissue.collides
 
 
-def _free_count(members: "Sequence[Fold]") -> int:
+def _free_count(members: Sequence[Fold]) -> int:
     """Number of vertices that contact may move in the folds of a system: about what it costs."""
     return sum(int(np.count_nonzero(fold.near)) for fold in members if fold.crosses)
 
 
-def _systems(folds: "Sequence[Fold]", clips: Sequence[Clip]) -> "list[list[Fold]]":
+def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
     """The folds that are solved together, with all that crosses in them."""
-    from wrinklecli.effects.contact.system import grouped, near_each_other, touching_in_clips
-
     clips = clips if all(fold.per_clip for fold in folds) else []
     whole = [_with_crossings(fold, clips) for fold in folds]
     hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
@@ -272,10 +268,8 @@ def _systems(folds: "Sequence[Fold]", clips: Sequence[Clip]) -> "list[list[Fold]
     return [_as_thick([whole[number] for number in each]) for each in grouped(len(folds), pairs)]
 
 
-def _with_crossings(fold: "Fold", clips: Sequence[Clip]) -> "Fold":
+def _with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
     """A fold with what crosses in its own motion, or else in clips, and with what else crosses that in clips."""
-    from wrinklecli.effects.contact.system import crossing_in_clips, crossing_in_sweeps, holding_contacts
-
     further = np.zeros(0, np.intp)
     fold = replace(fold, crossed=crossing_in_sweeps(fold))
     if not fold.crosses:
@@ -290,7 +284,7 @@ def _with_crossings(fold: "Fold", clips: Sequence[Clip]) -> "Fold":
     return fold
 
 
-def _as_thick(folds: "list[Fold]") -> "list[Fold]":
+def _as_thick(folds: list[Fold]) -> list[Fold]:
     """Folds that are solved together, in units of their mean thickness."""
     radius = float(np.mean([fold.radius for fold in folds]))
     return [replace(fold, radius=radius) for fold in folds] if len(folds) > 1 else folds
@@ -298,15 +292,13 @@ def _as_thick(folds: "list[Fold]") -> "list[Fold]":
 
 def _given_up(
     plan: MeshPlan,
-    fold: "Fold",
-    members: "Sequence[Fold]",
+    fold: Fold,
+    members: Sequence[Fold],
     effects: Sequence[Effect],
     given_up: GivenUp,
     clips: _Clips,
 ) -> Effect:
     """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
-    from wrinklecli.effects.contact.remaining import heights_without
-
     beside = tuple(name for each in members for name in each.tools if name not in fold.tools)
     name = _identifier(plan, fold, effects)
     heights = _lowered({number: heights_without(fold, clip) for number, clip in clips.moving.items()}, clips)
@@ -325,8 +317,6 @@ def _followed(
     effects: Sequence[Effect],
 ) -> list[Effect]:
     """The effects of folds that are solved together, on top of earlier ones."""
-    from wrinklecli.effects.contact.remaining import Shown, shown_in
-
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, followed) for crease, followed in spanned if len(crease.shapes)]
     creases, shown = [crease for crease, _ in spanned], dict[int, Shown]()
@@ -355,17 +345,16 @@ def _followed(
 
 
 def _spanned(
-    fold: "Fold", sweeps: "Sequence[MarchedClip]", before: _Spanned, system: "System"
-) -> "tuple[Crease, dict[int, Followed]]":
+    fold: Fold, sweeps: Sequence[MarchedClip], before: _Spanned, system: System
+) -> tuple[Crease, dict[int, Followed]]:
     """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips."""
-    from wrinklecli.effects.contact.crease import resolve
 
-    def divided(number: int) -> "MarchedClip":
+    def divided(number: int) -> MarchedClip:
         return system.part(number, [(crease, marches[number].weights) for crease, marches in before])
 
     every = {number: divided(number) for number in system.kept}
 
-    def part(number: int) -> "MarchedClip":
+    def part(number: int) -> MarchedClip:
         return every.get(number) or divided(number)
 
     chosen = [pose for each in sweeps for pose in each.poses(_some(each.touching))]
@@ -406,8 +395,6 @@ def _some(frames: Sequence[int]) -> list[int]:
 
 def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:
     """The effect of a fold."""
-    from wrinklecli.effects.contact.fitting import MOST_WEIGHT
-
     crease = words.crease
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(
@@ -432,7 +419,7 @@ def _in_basis(basis: NonNegativeBasis, shapes: Sequence[Shape | None]) -> list[S
     return made
 
 
-def _samples(plan: MeshPlan, crease: "Crease", effects: Sequence[Effect]) -> list[Sample]:
+def _samples(plan: MeshPlan, crease: Crease, effects: Sequence[Effect]) -> list[Sample]:
     """States in which the normals of a fold are to be right, on top of the shapes of earlier effects."""
     return [
         Sample(
@@ -455,7 +442,7 @@ def _acting(effect: Effect, plan: MeshPlan, clip: Clip, time: float) -> list[tup
     return [(each.shape, float(weight)) for each, weight in zip(effect.targets, weights, strict=True) if weight]
 
 
-def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
+def _identifier(plan: MeshPlan, fold: Fold, effects: Sequence[Effect]) -> str:
     """The part of target names that is the fold's own, from its first tool; no other target of the mesh has it."""
     name = f"{fold.patches[0].tool.identifier}_contact"
     taken = {each.identifier for each in effects}
@@ -464,7 +451,7 @@ def _identifier(plan: MeshPlan, fold: "Fold", effects: Sequence[Effect]) -> str:
     return name
 
 
-def _march_times(folds: "Sequence[Fold]", clip: Clip, fps: float) -> Floats:
+def _march_times(folds: Sequence[Fold], clip: Clip, fps: float) -> Floats:
     """(frames,) seconds of a clip's grid, with more where it folds fast."""
     grid = clip_grid(clip, folds[0].rig, fps=fps)
     if len(grid) < 2:
