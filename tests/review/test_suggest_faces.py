@@ -25,7 +25,7 @@ from wrinklecli.review.suggest.face_parts import _eyes_below
 from wrinklecli.review.suggest.face_targets import motions_of
 from wrinklecli.review.suggest.faces import _beside_mouth
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
-from wrinklecli.review.suggest.worth import Worthwhile
+from wrinklecli.review.suggest.worth import Judge, Worthwhile
 from wrinklecli.surface.rest import rest_pose
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RestLengthMorph
@@ -96,7 +96,7 @@ def suggested(variant: str) -> tuple[Face, Path, Suggestions]:
     if variant == JUDGED:
         return face, path, suggest_once(path, face=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(f"{suggest.__module__}.worthwhile", lambda _, tools, by, **__: Worthwhile(tools, by, []))
+        patch.setattr(Judge, "worthwhile", lambda _, tools, least, **__: Worthwhile(tools, least, []))
         return face, path, suggest(path, face=True)
 
 

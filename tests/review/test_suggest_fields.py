@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -192,16 +193,15 @@ def test_a_garment_of_facets_gets_neither_a_field_nor_tools(tmp_path: Path) -> N
     assert "is faceted" in found.dropped[0].line
 
 
-def test_left_and_right_garments_are_left_out_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_left_and_right_garments_are_left_out_together() -> None:
     def field(name: str, mesh: str) -> SuggestedField:
         return SuggestedField(field=Field(name=name), mesh=mesh, why="all of it looks like cloth")
 
     left, coat = field("sleeve", "Arm.L"), field("coat", "Body")
     hidden = Dropped("sleeve_2", "Arm.R", "hidden", 0.2)
     found = Worthwhile([left, coat], RefinementSettings(), [hidden])
-    monkeypatch.setattr(f"{suggest_fields.__module__}.worthwhile", lambda *_, **__: found)
-    anything: Any = None
-    given = suggest_fields(anything, [], [], 1.0, lambda *_: None, everything=False)
+    judge: Any = SimpleNamespace(worthwhile=lambda *_, **__: found)
+    given = suggest_fields(judge, [], 1.0)
     assert given.kept == [coat]
     assert [(each.name, each.mesh, each.reason) for each in given.dropped] == [
         ("sleeve_2", "Arm.R", "hidden"),

@@ -1,11 +1,10 @@
 """The score of a place falls with each of its merits, and says which one it wants most."""
 
-import math
 from dataclasses import asdict, fields, replace
 
 import pytest
 
-from wrinklecli.review.suggest.score import REASONS, Merits, Score, mean_of
+from wrinklecli.review.suggest.score import REASONS, Merits, Score
 
 GOOD = Merits(seen=0.9, crests=0.5, smooth=1.0, closed=0.8)
 NAMES = [each.name for each in fields(Merits)]
@@ -33,12 +32,3 @@ def test_no_merit_makes_up_for_one_that_is_missing(name: str) -> None:
 
 def test_the_sentence_has_the_merit() -> None:
     assert Score.of(replace(GOOD, smooth=0.3)).sentence == "it lies on facets: 30 % of the edges there are smooth"
-
-
-def test_the_score_of_a_mean_is_between_those_of_its_parts_and_nothing_makes_up_for_what_is_missing() -> None:
-    seen, hidden = (Merits(seen=seen, crests=0.8, smooth=0.9, closed=math.nan) for seen in (0.8, 0.05))
-    mean = mean_of([seen, hidden])
-    assert mean.seen == pytest.approx(0.2)
-    assert (mean.crests, mean.smooth) == pytest.approx((0.8, 0.9))
-    assert math.isnan(mean.closed)
-    assert Score.of(hidden).keep < Score.of(mean).keep < Score.of(seen).keep

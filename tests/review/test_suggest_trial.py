@@ -15,7 +15,7 @@ from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.trial import Trial, TriedAsset
-from wrinklecli.review.suggest.worth import worthwhile
+from wrinklecli.review.suggest.worth import Judge
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
@@ -71,6 +71,6 @@ def test_a_fold_much_shorter_than_its_triangles_is_left_out(tmp_path: Path) -> N
     document = read_document(sheet(tmp_path / "a.glb", [(-0.5, 0.0), (0.0, 0.0), (0.5, 0.0)], smooth=True))
     both = [suggestion(0.4, 0.3, 0.0), suggestion(0.02, 0.05, 0.0, "short")]
     tried = TriedAsset(document, read_clips(document))
-    found = worthwhile(tried, both, FACETED, count=2, everything=True)
+    found = Judge(tried, everything=True).worthwhile(both, FACETED, count=2)
     assert [each.tool.name for each in found.kept] == ["fold"]
     assert [(each.name, each.reason) for each in found.dropped] == [("short", "coarse")]

@@ -12,7 +12,7 @@ from wrinklecli import check, suggest
 from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
+from wrinklecli.review.suggest.worth import Dropped, Judge, Worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
 # The built characters that get tools, and a garment over plates that gets a field. What the dressed one gets, in any
@@ -63,7 +63,7 @@ def test_a_tool_is_made_to_fit_or_left_out(tmp_path: Path) -> None:
     def tried(tool: WrinkleTool) -> Worthwhile:
         made = replace(best, tool=tool, others=())
         asset = TriedAsset(document, clips)
-        return worthwhile(asset, [made], RefinementSettings(), count=1, everything=False, checked=clips)
+        return Judge(asset, False, clips).worthwhile([made], RefinementSettings(), count=1)
 
     found = tried(replace(best.tool, compressible=0.0, max_height="auto"))
     assert found.dropped == []

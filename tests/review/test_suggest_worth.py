@@ -22,7 +22,7 @@ from wrinklecli.review.suggest.fitted_tools import Suggestion
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import file_text
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
+from wrinklecli.review.suggest.worth import Judge, Worthwhile
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
 sheet = partial(sheet_of, smooth=True)
@@ -48,7 +48,7 @@ def suggestion(name: str = "fold", *, start: float = -0.4, stop: float = 0.4, he
 def judged(path: Path, *tools: Suggestion, count: int = 8, everything: bool = False) -> Worthwhile:
     document = read_document(path)
     refinement = RefinementSettings(scheme="midpoint")
-    return worthwhile(TriedAsset(document, read_clips(document)), tools, refinement, count=count, everything=everything)
+    return Judge(TriedAsset(document, read_clips(document)), everything).worthwhile(tools, refinement, count=count)
 
 
 def reasons(found: Worthwhile) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ Sources of the names:
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from wrinklecli.character.bones import words_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.gltf.shape import Json
 from wrinklecli.tools.mirror import split_side
 
 Side = Literal["", "L", "R"]
@@ -183,36 +182,33 @@ _EXPRESSION_OF = {name: motions for names, motions in _EXPRESSIONS.items() for n
 
 def _expressions(document: Document, rig: Rig) -> Iterator[tuple[str, dict[int, float]]]:
     """Give the names of a VRM's expressions, and the weights of a rig's morph targets in each."""
-    extensions = document.gltf.get("extensions")
-    extensions = extensions if isinstance(extensions, dict) else {}
-    for name, binds, holder, place, full in _named_binds(extensions):
+    for name, binds, holder, own, full in _named_binds(document, rig):
         weights = {}
         for bind in binds if isinstance(binds, list) else ():
-            if not isinstance(bind, dict) or bind.get(holder) != (rig.mesh if place == "mesh" else rig.node):
-                continue
-            number, weight = bind.get("index"), bind.get("weight")
+            number, weight = _inside(bind, "index"), _inside(bind, "weight")
             # In Python, true is a number.
-            if isinstance(number, bool) or isinstance(weight, bool) or not isinstance(weight, int | float):
-                continue
-            if isinstance(number, int) and 0 <= number < len(rig.morph_names):
+            numbers = type(number) is int and type(weight) in (int, float)
+            if numbers and _inside(bind, holder) == own and 0 <= number < len(rig.morph_names):
                 weights[number] = min(max(float(weight) / full, 0.0), 1.0)
         if weights:
             yield name, weights
 
 
-def _named_binds(extensions: Json) -> Iterator[tuple[str, object, str, str, float]]:
-    """Give each expression's name and list of morph targets, the key and kind of their holder, and the full weight."""
-    old, new = (extensions.get(key) for key in ("VRM", "VRMC_vrm"))
-    groups = old.get("blendShapeMaster") if isinstance(old, dict) else None
-    groups = groups.get("blendShapeGroups") if isinstance(groups, dict) else None
+def _named_binds(document: Document, rig: Rig) -> Iterator[tuple[str, Any, str, int, float]]:
+    """Give each expression's name and list of morph targets, their holder by key and index, and the full weight."""
+    groups = _inside(document.gltf, "extensions", "VRM", "blendShapeMaster", "blendShapeGroups")
     for group in groups if isinstance(groups, list) else ():
-        if isinstance(group, dict):
-            preset = str(group.get("presetName", "unknown"))
-            name = str(group.get("name", "")) if preset in ("", "unknown") else preset
-            yield name, group.get("binds"), "mesh", "mesh", 100.0
-    expressions = new.get("expressions") if isinstance(new, dict) else None
+        preset = _inside(group, "presetName")
+        name = _inside(group, "name") if preset in (None, "", "unknown") else preset
+        yield str(name), _inside(group, "binds"), "mesh", rig.mesh, 100.0
     for kind in ("preset", "custom"):
-        named = expressions.get(kind) if isinstance(expressions, dict) else None
+        named = _inside(document.gltf, "extensions", "VRMC_vrm", "expressions", kind)
         for name, expression in named.items() if isinstance(named, dict) else ():
-            if isinstance(expression, dict):
-                yield str(name), expression.get("morphTargetBinds"), "node", "node", 1.0
+            yield str(name), _inside(expression, "morphTargetBinds"), "node", rig.node, 1.0
+
+
+def _inside(value: Any, *keys: str) -> Any:
+    """What stands in nested objects, which nothing has checked in extensions; None if it is not there."""
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value

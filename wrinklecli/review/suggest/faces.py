@@ -285,15 +285,13 @@ def _fit_tool(
     if folded is None:
         return f"{name} hardly shortens the skin there"
     patches, shortenings = folded
-    every = replace(mesh, clips=tuple(clips), times=tuple(_times(clip) for clip in clips))
+    # A face moves in a tenth of a second.
+    counts = (int(np.clip(FPS * (clip.end - clip.start), _POSES, MOST_POSES)) for clip in clips)
+    times = (np.linspace(clip.start, clip.end, count) for clip, count in zip(clips, counts, strict=True))
+    every = replace(mesh, clips=tuple(clips), times=tuple(times))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
     made = with_rising_bumps(patches, also, height=_BUMP_HEIGHT)
     return suggestion_of(candidate, patches, shortenings, made)
-
-
-def _times(clip: Clip) -> Floats:
-    """(poses,) seconds of a clip at which tools are measured: a face moves in a tenth of a second."""
-    return np.linspace(clip.start, clip.end, int(np.clip(FPS * (clip.end - clip.start), _POSES, MOST_POSES)))
 
 
 def _placed(face: Face, region: FaceRegion, candidate: Candidate, side: Side) -> list[Attached[WrinkleTool]] | None:

@@ -143,9 +143,7 @@ class Suggestion(Suggested):
             remarks.append(self.substance.words)
         remarks += left_out_without_all(self.judgement, self.fault)
         if self.crossings and self.tool.contact:
-            remarks.append(
-                "Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"
-            )
+            remarks += ["Folded, it would pass through itself: contact keeps its sides apart, and baking takes longer"]
         elif self.crossings:
             remarks.append(
                 "Folded, it passes through itself. `contact: resolve` mends that (pip install 'wrinklecli[contact]')"
@@ -221,9 +219,9 @@ class _Search:
             return None
         curved = _curved(refined)
         fitted = self._fit_refined(curved)
-        if curved is refined.candidate:
+        if curved is refined[0]:
             return fitted
-        straight = self._fit_refined(refined.candidate)
+        straight = self._fit_refined(refined[0])
         if fitted is None or straight is None:
             return fitted or straight
         others = (straight[0], *fitted[0].others)
@@ -259,30 +257,18 @@ class _Search:
             if other and twin:
                 meshes.append(other)
                 patches, shortenings = [*patches, *twin], [*shortenings, shortenings_of(other, twin[0])]
-            return self._suggested(candidate, meshes, patches, shortenings)
+            suggestion = suggestion_of(candidate, patches, shortenings, with_rising_bumps(patches, shortenings))
+            if len(patches) == 2:
+                after = greatest(shortenings[1])
+                suggestion = replace(suggestion, twin_clip=after.clip.name, one_sided=100.0 * after.ratio < SLACK)
+            if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
+                tools = [replace(each.tool, profile=_WIDE_FURROWS) for each in patches]
+                wide = [attached(each, [tool]) for each, tool in zip(meshes, tools, strict=True)]
+                if all(wide):
+                    tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], shortenings)
+                    suggestion = replace(suggestion, others=(replace(suggestion, tool=tool),))
+            return suggestion, patches
         return None
-
-    def _suggested(
-        self,
-        candidate: Candidate,
-        meshes: Sequence[MeasuredMesh],
-        patches: list[Attached[WrinkleTool]],
-        shortenings: list[dict[str, Shortening]],
-    ) -> _Fitted:
-        """A tool, or a pair whose first one is written; `meshes` are those of the patches."""
-        suggestion = suggestion_of(candidate, patches, shortenings, with_rising_bumps(patches, shortenings))
-        if len(patches) == 2:
-            twin = greatest(shortenings[1])
-            suggestion = replace(suggestion, twin_clip=twin.clip.name, one_sided=100.0 * twin.ratio < SLACK)
-        if suggestion.tool.profile != _WIDE_FURROWS and not candidate.by_morph:
-            wide = [
-                attached(each, [replace(patch.tool, profile=_WIDE_FURROWS)])
-                for each, patch in zip(meshes, patches, strict=True)
-            ]
-            if all(wide):
-                tool, *_ = with_rising_bumps([patch for each in wide for patch in each or ()], shortenings)
-                return replace(suggestion, others=(replace(suggestion, tool=tool),)), patches
-        return suggestion, patches
 
 
 def suggestion_of(
@@ -361,19 +347,14 @@ def _limb_radius(candidate: Candidate) -> float | None:
     return radius if _RADII[0] * extent < radius else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Refined:
-    """A candidate with refined ends; its straight tool, and that tool's greatest shortening, None if none attaches."""
+# A candidate with refined ends; its straight tool, and that tool's greatest shortening, None if none attaches.
+_Refined: TypeAlias = tuple[Candidate, Attached[WrinkleTool] | None, Shortening | None]
 
-    candidate: Candidate
-    patch: Attached[WrinkleTool] | None
-    moment: Shortening | None
 
-    @classmethod
-    def of(cls, candidate: Candidate) -> "_Refined":
-        """Attach and measure the tool of a candidate."""
-        patch = _probe(candidate)
-        return cls(candidate, patch, None if patch is None else greatest(shortenings_of(candidate.mesh, patch)))
+def _measured(candidate: Candidate) -> _Refined:
+    """Attach and measure the straight tool of a candidate."""
+    patch = _probe(candidate)
+    return candidate, patch, None if patch is None else greatest(shortenings_of(candidate.mesh, patch))
 
 
 def _refined(candidate: Candidate) -> _Refined | None:
@@ -381,9 +362,9 @@ def _refined(candidate: Candidate) -> _Refined | None:
 
     The segment may be shortest in another pose than the one in which the region loses most, as a fold closes further.
     """
-    mesh, refined = candidate.mesh, _Refined.of(candidate)
+    mesh, refined = candidate.mesh, _measured(candidate)
     for _ in range(2):
-        best = refined.moment
+        best = refined[2]
         if best is None:
             return None
         if best.clip is candidate.clip and best.time == candidate.time:
@@ -393,13 +374,13 @@ def _refined(candidate: Candidate) -> _Refined | None:
         ends = find_segment(mesh.sites, candidate.region, poses, longest=candidate.longest)
         if ends is None:
             return None
-        refined = _Refined.of(replace(refined.candidate, origin=ends[0], target=ends[1]))
+        refined = _measured(replace(refined[0], origin=ends[0], target=ends[1]))
     return refined
 
 
 def _curved(refined: _Refined) -> Candidate:
     """A candidate with a path along the strongest compression, if a straight tool crosses that askew."""
-    candidate, straight, moment = refined.candidate, refined.patch, refined.moment
+    candidate, straight, moment = refined
     mesh = candidate.mesh
     if straight is None or moment is None or candidate.region.on_plane or candidate.part == "finger":
         # A finger bends about one axis, so its creases run straight across.

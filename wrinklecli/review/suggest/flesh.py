@@ -22,11 +22,11 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit
 from wrinklecli.numeric.rays import distances_along
-from wrinklecli.review.suggest.guesses import Guess, entries_of
+from wrinklecli.review.suggest.guesses import Guess, entries_of, rounded
 from wrinklecli.review.suggest.text import Entry
-from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Flesh
-from wrinklecli.tools.records import Length, ToolsFile
+from wrinklecli.tools.records import Length
 
 LEAST_VERTICES = 5
 """Least vertices that a region moves: one and the four around it on a grid. Fewer stand out as spikes as they swing."""
@@ -73,21 +73,20 @@ _SPOTS: Mapping[str, _Spot] = {
 
 
 def suggest_flesh(
-    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
+    document: Document, grounds: Sequence[Ground], nodes: Mapping[int, str | None], clips: Sequence[Clip], *, fps: float
 ) -> tuple[list[Entry], list[str], str]:
     """Suggest regions of flesh where the rig names bones, and the skin is thick.
 
     Args:
         document: The asset.
-        nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        grounds: Its meshes that deform.
+        nodes: Their nodes, each with the name that a file must give; None if it need not.
         clips: Motions of the asset, which may be none.
         fps: Frames a second at which these are looked at.
 
     Returns:
         The regions, a line for each that fits no mesh, and why there are none.
     """
-    settings = ToolsFile(path=document.path)
-    grounds = [read_ground(document, node, [], settings, clips) for node in nodes]
     frame = _Frame.of(document, grounds) if grounds else None
     if frame is None:
         return [], [], "no joints of a mesh are named as two legs, with a neck or a head above"
@@ -199,12 +198,10 @@ def _fitted(
     """A region where a ray meets the skin, with clothes over it by name, or the line that says why there is none."""
     if not _OWN * size < depth < np.inf:
         return f"{called}: left out, as there is no skin where it would be"
-    digits = 4 - int(np.floor(np.log10(size)))
-    x, y, z = (round(float(each), digits) + 0.0 for each in place)
     region = Flesh(
         name=called,
         node=nodes[ground.rig.node],
-        at=(x, y, z),
+        at=rounded(place, size),
         radius=float(f"{spot.radius * size:.3g}"),
         frequency=_FREQUENCY,
         limit=Length(_LIMIT, percent=True),

@@ -5,13 +5,11 @@ A field lies on cloth alone, and the joints of the trunk and of limbs fold it: c
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
-from wrinklecli.character.clip import Clip
 from wrinklecli.character.paints import texture_info
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
@@ -19,13 +17,12 @@ from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import Suggested, TriedAsset
-from wrinklecli.review.suggest.worth import Worthwhile, worthwhile
+from wrinklecli.review.suggest.worth import Judge, Worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import Field
@@ -133,10 +130,9 @@ def _garment(
     kinds = substances_at(asset.ground(rig.node))[gauge.numbers]
     # A garment that is named so is one as a whole, whatever colours it has.
     named = np.array([each.material is not None and each.material.kind == _CLOTH for each in hints])[primitives]
-    kinds[named & (kinds != SUBSTANCES.index("hard"))] = SUBSTANCES.index(_CLOTH)
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
-    kinds = np.where(asked < 0, kinds, asked)
-    cloth = ((kinds == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
+    is_cloth = (kinds == SUBSTANCES.index(_CLOTH)) | (named & (kinds != SUBSTANCES.index("hard")))
+    cloth = (np.where(asked < 0, is_cloth, asked == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
     share = float(gauge.areas @ cloth / gauge.areas.sum())
     if share < _SOME:
         return None
@@ -185,28 +181,18 @@ def beside_garments(
     return [(mesh, found[id(peaks)]) for mesh, peaks in meshes]
 
 
-def suggest_fields(
-    asset: TriedAsset,
-    garments: Sequence[Garment],
-    clips: Sequence[Clip],
-    budget: float,
-    progress: Progress,
-    *,
-    everything: bool,
-) -> Worthwhile[SuggestedField]:
-    """Try a field on each garment in clips; give those that are worth it, and the others, each with the reason.
+def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> Worthwhile[SuggestedField]:
+    """Try a field on each garment; give those that are worth it, and the others, each with the reason.
 
-    The budget is bytes on a GPU. Where all take too much, folds are as much wider: those need fewer vertices. With
-    `everything` all are kept that can be baked.
+    The budget is bytes on a GPU. Where all take too much, folds are as much wider: those need fewer vertices.
     """
-    fields = [each.suggestion for each in garments]
-    tried = partial(worthwhile, asset, count=len(fields), everything=everything, checked=clips, progress=progress)
-    found = tried(fields, RefinementSettings(), budget=_OF_FIELDS * budget)
+    fields, least, count = [each.suggestion for each in garments], RefinementSettings(), len(garments)
+    found = judge.worthwhile(fields, least, count=count, budget=_OF_FIELDS * budget)
     costly = sum(each.value for each in found.dropped if each.reason == "costly")
     if costly:
         over = (costly + sum(each.gpu_bytes for each in found.kept)) / (_OF_FIELDS * budget)
         wider = [each.widened(min(over, _WIDEST)) for each in fields]
-        found = tried(wider, RefinementSettings(), budget=budget)
+        found = judge.worthwhile(wider, least, count=count, budget=budget)
     # A sleeve alone looks like a fault.
     left_out = {each.mesh: each for each in found.dropped}
     for each in found.kept:

@@ -21,6 +21,10 @@ from wrinklecli.tools.yaml_tree import printable
 _SYMMETRIC = 0.01
 
 
+# Digits of a place over the body's size, or of an offset over its length: a tenth of a millimetre of a human.
+_DIGITS = 4
+
+
 @dataclass(frozen=True, slots=True)
 class Guess:
     """A muscle or a region of flesh that is guessed.
@@ -38,6 +42,12 @@ class Guess:
     attached: AnyAttached
     places: Floats
     facts: Mapping[str, Any]
+
+
+def rounded(place: Floats, size: float) -> tuple[float, float, float]:
+    """A (3,) place as a file writes it, by the size of what it lies on."""
+    x, y, z = (round(float(each), _DIGITS - int(np.floor(np.log10(size or 1.0)))) + 0.0 for each in place)
+    return x, y, z
 
 
 def entries_of(guesses: Sequence[Guess], clips: Sequence[Clip], *, fps: float) -> list[Entry]:

@@ -78,11 +78,6 @@ class MeasuredMesh:
         return not any("NORMAL" in primitive["attributes"] for primitive in primitives)
 
     @property
-    def row_count(self) -> int:
-        """The number of nodes whose rows may become known, times that of the poses of all clips."""
-        return len(self.rig.parents) * sum(map(len, self.times))
-
-    @property
     def rest(self) -> Rest:
         """The stored pose."""
         return self.gauge.rest

@@ -15,7 +15,6 @@ import numpy as np
 
 from wrinklecli.character.bones import Bones, forwards_of, read_bones
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.pose import stored_positions
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.choices import Part
@@ -24,14 +23,14 @@ from wrinklecli.errors import WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, significant, unit
-from wrinklecli.review.suggest.guesses import Guess, entries_of
+from wrinklecli.review.suggest.guesses import Guess, entries_of, rounded
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.bones import BoneLines, SideOfBone
-from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.rest import asked_positions
 from wrinklecli.tools.body import THICKNESS, Muscle
 from wrinklecli.tools.mirror import split_side
-from wrinklecli.tools.records import JointPoint, Length, ToolsFile
+from wrinklecli.tools.records import JointPoint, Length
 
 # Distance of a muscle's line from its bone, over that of the skin: the middle of the flesh.
 _DEEP = 0.45
@@ -99,13 +98,14 @@ class _Limb:
 
 
 def suggest_muscles(
-    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
+    document: Document, grounds: Sequence[Ground], nodes: Mapping[int, str | None], clips: Sequence[Clip], *, fps: float
 ) -> tuple[list[Entry], list[str], str]:
     """Suggest muscles where the rig names the bones of arms and legs, and clips move them.
 
     Args:
         document: The asset.
-        nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        grounds: Its meshes that deform.
+        nodes: Their nodes, each with the name that a file must give; None if it need not.
         clips: Motions of the asset; without any, muscles that nothing moves are suggested too.
         fps: Frames a second at which these are looked at.
 
@@ -117,8 +117,6 @@ def suggest_muscles(
     if not limbs:
         wanted = "upper arm and lower arm, or upper leg and lower leg, with a hand or a foot below"
         return [], [], f"no joints are named as {wanted}"
-    settings, neighbours = ToolsFile(path=document.path), Neighbours(document)
-    grounds = [read_ground(document, node, [], settings, clips, neighbours=neighbours) for node in nodes]
     made = [
         _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
         for name, place in _MUSCLES.items()
@@ -189,7 +187,9 @@ def _fitted(
     """
     number = limb.parts.index(place.bone)
     bone, span = limb.joints[number], float(np.linalg.norm(limb.places[number + 1] - limb.places[number]))
-    shares = [_share(ground, bone) for ground in grounds]
+    # The sums of the bone's skin weights.
+    surfaces = ((each.surface, np.flatnonzero(each.rig.joints == bone)) for each in grounds)
+    shares = [float(each.weights[np.isin(each.joints, columns)].sum()) for each, columns in surfaces]
     if max(shares, default=0.0) <= 0.0:
         return f"{name}: left out, as no mesh has skin on {names[bone]!r}"
     layers: list[tuple[SideOfBone, Ground]] = []
@@ -213,12 +213,6 @@ def _fitted(
     return f"{name}: left out: {problem.removeprefix(f'{grounds[0].document.path}: ')}"
 
 
-def _share(ground: Ground, joint: int) -> float:
-    """The sum of the skin weights of a joint on a mesh."""
-    columns = np.flatnonzero(ground.rig.joints == joint)
-    return float(ground.surface.weights[np.isin(ground.surface.joints, columns)].sum())
-
-
 def _attached(
     name: str,
     place: _Place,
@@ -237,9 +231,10 @@ def _attached(
     bone = places[k + 1] - places[k]
     beyond = places[k + 2] - places[k + 1] if k == 0 else 0.5 * bone
     aside = deep * limb.bends[k] * (1.0 if place.side == "inside" else -1.0)
+    first, last = (place.begin * bone + aside, place.end * beyond + aside)
     points = (
-        JointPoint(names[limb.joints[k]], _rounded(place.begin * bone + aside)),
-        JointPoint(names[limb.joints[k + 1]], _rounded(place.end * beyond + aside)),
+        JointPoint(names[limb.joints[k]], rounded(first, float(np.linalg.norm(first)))),
+        JointPoint(names[limb.joints[k + 1]], rounded(last, float(np.linalg.norm(last)))),
     )
     muscle = Muscle(
         name=name, node=nodes[ground.rig.node], origin=points[0], insertion=points[1], where=ground.document.path
@@ -249,10 +244,3 @@ def _attached(
     ends = asked_positions(ground.rig, ground.rest.clip, ground.rest.time, muscle)
     guess = Guess(muscle, ground, attach_one(muscle, ground), ends, {})
     return guess, BoneLines.of(ground).side_of(ground, ends.mean(axis=0), ends[1] - ends[0])
-
-
-def _rounded(offset: Floats) -> tuple[float, float, float]:
-    """An offset to four digits of its length, as a file writes it."""
-    digits = 4 - int(np.floor(np.log10(max(float(np.linalg.norm(offset)), 1e-9))))
-    x, y, z = (round(float(each), digits) + 0.0 for each in offset)
-    return (x, y, z)

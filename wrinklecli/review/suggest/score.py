@@ -5,8 +5,7 @@
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -39,12 +38,6 @@ class Merits:
     crests: float
     smooth: float
     closed: float
-
-
-def mean_of(several: Sequence[Merits]) -> Merits:
-    """The geometric mean of merits, as odds are a product of their powers."""
-    logs = np.log2(np.clip([astuple(each) for each in several], LEAST, 1.0))
-    return Merits(*np.exp2(logs.mean(axis=0)).tolist())
 
 
 REASONS = {

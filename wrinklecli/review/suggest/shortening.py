@@ -77,7 +77,8 @@ def shortenings_of(mesh: MeasuredMesh, patch: Attached[WrinkleTool]) -> dict[str
     posed = [(*motion, mesh.known_rows.setdefault((motion[0].name, len(motion[1])), {})) for motion in motions]
     ends = np.cumsum([len(times) for _, times in motions])
     distances_of_all = segment.distances(pose_carriers_in(segment.points, mesh.rig, posed), int(ends[-1]))
-    if mesh.row_count > _MOST_KNOWN_ROWS:
+    # As many rows may become known as there are nodes, in the poses of all clips.
+    if len(mesh.rig.parents) * sum(map(len, mesh.times)) > _MOST_KNOWN_ROWS:
         mesh.known_rows.clear()
     for (clip, times), distances in zip(motions, np.split(distances_of_all, ends[:-1]), strict=True):
         rest_lengths = segment.rest_length.at(mesh.rig, clip, times)

@@ -30,8 +30,6 @@ from wrinklecli.review.suggest.layers import Layers
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
-# Distance from its tallest fold, in wavelengths, up to which a field is looked at: it lies all over a garment.
-_ROUND = 3.0
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets, from
@@ -138,9 +136,6 @@ class StagedTool:
         faces, place = fine.triangles[:, ::way], np.zeros(len(fine.triangles), np.bool_)
         members = children(fine.subdivision.parents, region.members)
         on = flags_of(placement.shown, len(plain))
-        if part.attached.segment is None:
-            tallest = int(np.argmax(np.where(on, np.sum((wrinkled - plain) ** 2, axis=1), -1.0)))
-            on &= np.sum((plain - plain[tallest]) ** 2, axis=1) < (_ROUND * part.attached.bump_width) ** 2
         place[members] = on[faces[members]].any(axis=1)
         low, high = _box(np.concatenate([plain[faces[place]], wrinkled[faces[place]]]))
         reach = _NEAR * float((high - low).max())

@@ -1,6 +1,5 @@
 """Tools suggested for an asset: segments across the folds that its clips make, in a file that bakes as it is."""
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,6 +7,7 @@ from typing import Any
 
 from wrinklecli.character.bones import read_bones
 from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, Moved, moved
 from wrinklecli.character.scene import none_deforms
@@ -35,9 +35,10 @@ from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import Entry, file_text, refuse_unwritable
 from wrinklecli.review.suggest.touches import refinement_for, suggest_touches
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.worth import Dropped, Worthwhile, worthwhile
+from wrinklecli.review.suggest.worth import Dropped, Judge, Worthwhile
+from wrinklecli.surface.ground import read_ground
 from wrinklecli.surface.substance import is_rigid
-from wrinklecli.tools.records import RefinementSettings
+from wrinklecli.tools.records import RefinementSettings, ToolsFile
 
 # Most meshes that a reason names.
 _MOST_NAMED = 6
@@ -137,7 +138,9 @@ def _below_skin(read: _Read, options: SuggestOptions) -> Suggestions:
     joined, nodes, document = read.joined, read.nodes, read.joined.document
     played = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     below = suggest_touches if options.touch else suggest_flesh if options.flesh else suggest_muscles
-    found, left_out, reason = below(document, nodes, played, fps=options.fps)
+    settings, neighbours = ToolsFile(path=document.path), Neighbours(document)
+    grounds = [read_ground(document, node, [], settings, played, neighbours=neighbours) for node in nodes]
+    found, left_out, reason = below(document, grounds, nodes, played, fps=options.fps)
     found = found[: options.count]
     refinement = refinement_for(found, document) if found and options.touch else RefinementSettings()
     text = file_text(found, document.path, refinement) if found else ""
@@ -151,22 +154,15 @@ def _of_face(read: _Read, options: SuggestOptions, progress: Progress) -> Sugges
     of_face = suggest_face(joined.document, read.nodes, joined.clips)
     raised = with_clips(joined.document, of_face.motions)
     clips = tuple(read_clips(raised))
-    found = worthwhile(
-        TriedAsset(raised, clips, jobs=options.jobs),
-        of_face.tools,
-        RefinementSettings(),
-        count=len(of_face.tools),
-        budget=_budget(options),
-        everything=options.everything,
-        checked=clips,
-        progress=progress,
-    )
+    judge = Judge(TriedAsset(raised, clips, jobs=options.jobs), options.everything, clips, progress)
+    count = len(of_face.tools)
+    found = judge.worthwhile(of_face.tools, RefinementSettings(), count=count, budget=options.budget)
     return _written(raised, joined.beside, found, [*read.notes, *of_face.notes], of_face.reason, [])
 
 
 def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Suggestions:
     """Suggest fields for garments, and tools where clips compress what they leave bare."""
-    joined, nodes, document, budget = read.joined, read.nodes, read.joined.document, _budget(options)
+    joined, nodes, document = read.joined, read.nodes, read.joined.document
     clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
     generated: list[Clip] = []
     if joined.range and not options.clips:
@@ -176,24 +172,17 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
     tried = TriedAsset(document, joined.clips, jobs=options.jobs)
     garments = find_garments(tried, [mesh for mesh, _ in meshes], options)
-    fields = suggest_fields(tried, garments, checked, budget, progress, everything=options.everything)
-    budget -= sum(each.gpu_bytes for each in fields.kept)
+    judge = Judge(tried, options.everything, checked, progress)
+    fields = suggest_fields(judge, garments, options.budget)
+    budget = options.budget - sum(each.gpu_bytes for each in fields.kept)
     folded = {each.field.name for each in fields.kept}
     bare = beside_garments(meshes, [each for each in garments if each.suggestion.field.name in folded])
     candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
     chosen, reasons, hard = choose_candidates(document, candidates, options)
     flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
     scheme: Scheme = "midpoint" if flat else "butterfly"
-    found = worthwhile(
-        tried,
-        fit_tools(chosen),
-        replace(fields.refinement, scheme=scheme),
-        count=options.count,
-        budget=budget,
-        everything=options.everything,
-        checked=checked,
-        progress=progress,
-    )
+    refinement = replace(fields.refinement, scheme=scheme)
+    found = judge.worthwhile(fit_tools(chosen), refinement, count=options.count, budget=budget)
     found.dropped[:0] = fields.dropped
     rigid = {mesh.rig.node_name: None for mesh, _ in meshes if is_rigid(mesh.gauge)}
     hard = [*(f"{name} is rigid" for name in rigid), *hard]
@@ -212,11 +201,6 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
         reason = _joined([*hard, least])
     beside = [*joined.beside, *(os.fspath(path) for path in options.presets)]
     return _written(document, beside, found, [*read.notes, *reasons], reason, options.written_presets, fields.kept)
-
-
-def _budget(options: SuggestOptions) -> float:
-    """Bytes on a GPU that all suggestions may take."""
-    return math.inf if options.everything else float(options.budget)
 
 
 def _joined(clauses: Sequence[str]) -> str:

@@ -23,11 +23,12 @@ from wrinklecli.choices import Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.review.suggest.guesses import rounded
 from wrinklecli.review.suggest.measure import MOST_POSES
 from wrinklecli.review.suggest.text import Entry
-from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Touch, TouchWrinkles
 from wrinklecli.tools.mirror import numbered
 from wrinklecli.tools.records import JointPoint, Length, RefinementSettings, ToolsFile, identifier
@@ -54,8 +55,6 @@ _ROUND = 0.75
 _MOST_LEVELS = 8
 # What to do where nothing is found.
 _BY_HAND = "a touch may name any node in `by`, or key its slide in `keys`, and `wrinkle edit` draws one with two clicks"
-# Digits of a length over the body's size: a tenth of a millimetre of a human.
-_DIGITS = 4
 
 
 class _Tip(NamedTuple):
@@ -86,11 +85,6 @@ class _Skin(NamedTuple):
         """Look up the weights."""
         mesh = ground.surface.skinned(ground.rig)
         return cls(ground, mesh, ground.rig.joints[mesh.influences.heaviest])
-
-    def other_triangles(self, arm: frozenset[int]) -> Ints:
-        """(triangles,) those no corner of which is of an arm."""
-        own: Bools = np.isin(self.movers, list(arm))
-        return np.flatnonzero(~own[self.ground.surface.triangles].any(axis=1))
 
 
 class _Near(NamedTuple):
@@ -124,13 +118,14 @@ class _Contact(NamedTuple):
 
 
 def suggest_touches(
-    document: Document, nodes: Mapping[int, str | None], clips: tuple[Clip, ...], *, fps: float
+    document: Document, grounds: Sequence[Ground], nodes: Mapping[int, str | None], clips: Sequence[Clip], *, fps: float
 ) -> tuple[list[Entry], list[str], str]:
     """Suggest touches where clips bring fingertips to skin.
 
     Args:
         document: The asset.
-        nodes: Nodes whose meshes deform, each with the name that a file must give; None if it need not.
+        grounds: Its meshes that deform.
+        nodes: Their nodes, each with the name that a file must give; None if it need not.
         clips: The clips to look at.
         fps: Poses per second; at most 200 of a clip.
 
@@ -140,8 +135,7 @@ def suggest_touches(
     hierarchy, bones = read_hierarchy(document), read_bones(document)
     if not clips:
         return [], [], f"it has no clip in which a fingertip could come near; {_BY_HAND}"
-    settings = ToolsFile(path=document.path)
-    skins = [_Skin.of(read_ground(document, node, [], settings, clips)) for node in nodes]
+    skins = [_Skin.of(ground) for ground in grounds]
     tips = _tips(hierarchy, bones, skins)
     if not tips:
         return [], [], f"no joints are named as fingers, with skin round their ends; {_BY_HAND}"
@@ -218,7 +212,9 @@ def _contacts(tips: Sequence[_Tip], skins: Sequence[_Skin], clip: Clip, fps: flo
     rig, nodes = skins[0].ground.rig, [tip.node for tip in tips]
     rests, moved = node_matrices(rig, None, np.zeros(1), nodes)[0], node_matrices(rig, clip, times, nodes)
     middles = [_carried(rests[k], moved[:, k], tip.middle) for k, tip in enumerate(tips)]
-    others = [[each.other_triangles(tip.arm) for each in skins] for tip in tips]
+    # Triangles no corner of which is of the tip's arm.
+    corners = [each.movers[each.ground.surface.triangles] for each in skins]
+    others = [[np.flatnonzero(~np.isin(each, list(tip.arm)).any(axis=1)) for each in corners] for tip in tips]
     held: list[list[_Near]] = [[] for _ in tips]
     found: list[list[_Contact]] = [[] for _ in tips]
     for row, time in enumerate(times.tolist()):
@@ -261,7 +257,7 @@ def _fitted(
 ) -> Entry | str:
     """The touch of a contact, or the line that says why it does not fit."""
     first, nearest, ground = contact.first, contact.nearest, contact.first.skin.ground
-    digits = _DIGITS - int(np.floor(np.log10(float(np.ptp(ground.rest.positions, axis=0).max()))))
+    size = float(np.ptp(ground.rest.positions, axis=0).max())
     before, then = (
         node_matrices(ground.rig, clip, np.array([time]), [tip.node])[0, 0]
         for clip, time in ((None, 0.0), (contact.clip, nearest.time))
@@ -269,12 +265,12 @@ def _fitted(
     # The side of the tip that is nearest to the skin then, carried back to rest.
     middle = _carried(before, then, tip.middle)
     at_rest = _carried(then, before, middle + tip.radius * nearest.way)
-    offset = _rounded(at_rest - before[:3, 3], digits)
+    offset = rounded(at_rest - before[:3, 3], size)
     press = max(_LEAST_PRESS, _PRESSED * (nearest.distance / tip.radius - 1.0))
     touch = Touch(
         name=name,
         node=nodes[ground.rig.node],
-        at=_rounded(first.place, digits),
+        at=rounded(first.place, size),
         pad=float(f"{tip.radius:.3g}"),
         reach=Length(_REACH, percent=True),
         wrinkles=TouchWrinkles(bumps=_BUMPS),
@@ -302,11 +298,6 @@ def _fitted(
     assert touch.by is not None
     facts = {"tip": touch.by.joint, "clip": contact.clip.name, "time": first.time, "slide": float(slide)}
     return Entry(touch, remarks=[f"{printable(touch.by.joint, 90)} comes {when}, and {does}"], facts=facts)
-
-
-def _rounded(point: Floats, digits: int) -> tuple[float, float, float]:
-    x, y, z = (round(float(each), digits) + 0.0 for each in point)
-    return x, y, z
 
 
 def refinement_for(touches: Sequence[Entry], document: Document) -> RefinementSettings:

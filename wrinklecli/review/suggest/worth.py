@@ -1,8 +1,7 @@
 """Tools and fields that are worth keeping: each is tried on the refined mesh, looked at, scored and checked.
 
-A tool is looked at once, where it is tallest, or a little before, if the fold hides it then; a field, which lies all
-over a garment, at several such moments. One of which `check` would warn gives way to others that fit the same place,
-so that the file passes `check --strict`.
+Each is looked at once, where it is tallest, or a little before, if the fold hides it then. One of which `check` would
+warn gives way to others that fit the same place, so that the file passes `check --strict`.
 """
 
 import math
@@ -29,7 +28,7 @@ from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
 from wrinklecli.review.suggest.look import Sight, look_at
-from wrinklecli.review.suggest.score import REASONS, Merits, Score, mean_of
+from wrinklecli.review.suggest.score import REASONS, Merits, Score
 from wrinklecli.review.suggest.stage import Placement, StagedTool
 from wrinklecli.review.suggest.trial import Suggested, Trial, TriedAsset
 from wrinklecli.tools.records import EffectTool, RefinementSettings, Sampling
@@ -47,8 +46,6 @@ _UNNOTICED = 0.035
 _ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
-# Moments of the tallest folds at which a field is looked at. By two, a shirt is lost of which a sleeve hides one.
-_MOMENTS = 3
 # Frames of a clip that are checked: eleven minutes.
 _MOST_FRAMES = 20_000
 
@@ -119,68 +116,61 @@ class Worthwhile(Generic[AnySuggested]):
         return [line] if reasons else []
 
 
-def worthwhile(
-    asset: TriedAsset,
-    suggestions: Iterable[AnySuggested],
-    refinement: RefinementSettings,
-    *,
-    count: int,
-    budget: float = math.inf,
-    everything: bool,
-    checked: Sequence[Clip] = (),
-    progress: Progress = log_progress,
-) -> Worthwhile[AnySuggested]:
-    """Try and look at suggestions, best first, until some are worth keeping.
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Tries, looks at, scores and checks suggestions.
 
-    Args:
+    Attributes:
         asset: With all clips.
-        suggestions: Best first; so many are taken as are needed.
-        refinement: What the tools file has at least.
-        count: Most to keep.
-        budget: Most bytes on a GPU that they may take; the best that fit are kept.
-        everything: Keep all that can be baked, as they are, with their scores.
+        everything: Keep all that can be baked, as they are, with their scores and whatever they take.
         checked: Clips that `check` looks at.
         progress: Called with a stage's name, those found or left out so far, and those with the ones looked at.
     """
-    judge = _Judge(asset, refinement, checked, everything)
-    found = Worthwhile[AnySuggested]([], refinement, [])
-    remaining = islice(suggestions, count if everything else _LOOKS * count)
-    while batch := list(islice(remaining, count - len(found.kept))):
-        known = len(found.kept) + len(found.dropped)
-        for step, (each, needed) in enumerate(in_processes(partial(judge.tried, budget), batch, asset.jobs), 1):
-            progress("looking", known + step, known + len(batch))
-            if isinstance(each, Dropped):
-                found.dropped.append(each)
-            elif each.gpu_bytes > budget:
-                found.dropped.append(Dropped.costly(each, each.gpu_bytes))
-            else:
-                budget -= each.gpu_bytes
-                found.kept.append(each)
-                found = replace(found, refinement=_joined(found.refinement, needed))
-    return found
-
-
-def _joined(first: RefinementSettings, second: RefinementSettings) -> RefinementSettings:
-    """The settings that are enough for both."""
-    scheme = "midpoint" if "midpoint" in (first.scheme, second.scheme) else first.scheme
-    return replace(first, max_levels=max(first.max_levels, second.max_levels), scheme=scheme)
-
-
-@dataclass(frozen=True, slots=True)
-class _Judge:
-    """Tries, looks at, scores and checks suggestions; the attributes are arguments of `worthwhile`."""
 
     asset: TriedAsset
-    refinement: RefinementSettings
-    checked: Sequence[Clip]
     everything: bool
+    checked: Sequence[Clip] = ()
+    progress: Progress = log_progress
 
-    def tried(self, budget: float, suggestion: AnySuggested) -> tuple[AnySuggested | Dropped, RefinementSettings]:
+    def worthwhile(
+        self, suggestions: Iterable[AnySuggested], least: RefinementSettings, *, count: int, budget: float = math.inf
+    ) -> Worthwhile[AnySuggested]:
+        """Try and look at suggestions, best first, until some are worth keeping.
+
+        Args:
+            suggestions: Best first; so many are taken as are needed.
+            least: What the tools file has at least.
+            count: Most to keep.
+            budget: Most bytes on a GPU that they may take; the best that fit are kept.
+        """
+        budget = math.inf if self.everything else budget
+        found = Worthwhile[AnySuggested]([], least, [])
+        remaining = islice(suggestions, count if self.everything else _LOOKS * count)
+        while batch := list(islice(remaining, count - len(found.kept))):
+            known = len(found.kept) + len(found.dropped)
+            tried = in_processes(partial(self._tried, least, budget), batch, self.asset.jobs)
+            for step, (each, needed) in enumerate(tried, 1):
+                self.progress("looking", known + step, known + len(batch))
+                if isinstance(each, Dropped):
+                    found.dropped.append(each)
+                elif each.gpu_bytes > budget:
+                    found.dropped.append(Dropped.costly(each, each.gpu_bytes))
+                else:
+                    budget -= each.gpu_bytes
+                    found.kept.append(each)
+                    levels = max(found.refinement.max_levels, needed.max_levels)
+                    scheme = "midpoint" if "midpoint" in (found.refinement.scheme, needed.scheme) else least.scheme
+                    found = replace(found, refinement=replace(least, max_levels=levels, scheme=scheme))
+        return found
+
+    def _tried(
+        self, least: RefinementSettings, budget: float, suggestion: AnySuggested
+    ) -> tuple[AnySuggested | Dropped, RefinementSettings]:
         """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs.
 
         What is cheap to know counts first: facets do before any refinement, and bytes before a mesh carries a field.
         """
-        dropped, needed = partial(Dropped, suggestion.effect.name, suggestion.mesh), self.refinement
+        dropped, needed = partial(Dropped, suggestion.effect.name, suggestion.mesh), least
         placed = dict[str, Placement]()
         try:
             trials = Trial.of(self.asset, suggestion)
@@ -193,15 +183,32 @@ class _Judge:
                 needed, more = trial.placed(needed)
                 placed |= more
             if any(each.coarse for each in placed.values()):
-                return dropped("coarse", 0.0), self.refinement
+                return dropped("coarse", 0.0), least
             if (cost := _cost(placed)) > budget:
                 return Dropped.costly(suggestion, cost), needed
-            judged, tallest = self._looked_at(placed, replace(suggestion, gpu_bytes=cost), limb=limb)
+            placement = placed[suggestion.effect.name]
+            if not suggestion.clip:
+                seen = _seen(placement, suggestion.clips_among(self.checked, placement.part))
+                if not seen:
+                    return dropped("not raised", 0.0), needed
+                clip, time = _tallest(placement, seen)
+                suggestion = replace(suggestion, clip=clip, time=time)
+            tallest = StagedTool.of(placement, self.asset.layers, self.asset.clip(suggestion.clip), suggestion.time)
+            raised = tallest.height > _RAISED * tallest.size
+            judged = replace(
+                suggestion,
+                height=tallest.height if raised else 0.0,
+                wavelength=placement.attached.bump_width,
+                targets=sum(len(each.part.drive.targets) for each in placed.values()),
+                gpu_bytes=cost,
+                own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
+                judgement=Score.of(self._merits(placement, suggestion, tallest, limb=limb)) if raised else None,
+            )
         except BakeError as error:
-            return dropped("refused", 0.0, error.lines[0]), self.refinement
-        if self.everything and judged.clip:
+            return dropped("refused", 0.0, error.lines[0].removeprefix(f"{error.places[0]}: ")), least
+        if self.everything:
             return judged, needed
-        if tallest is None or judged.judgement is None:
+        if judged.judgement is None:
             return dropped("not raised", 0.0), needed
         if not judged.judgement.is_kept:
             return dropped(*judged.judgement.reason), needed
@@ -212,44 +219,7 @@ class _Judge:
         if not warning:
             return judged, needed
         other = suggestion.mended(compressible)
-        return self.tried(budget, other) if other else (dropped("warned", 0.0, warning), needed)
-
-    def _looked_at(
-        self, placed: dict[str, Placement], suggestion: AnySuggested, *, limb: bool
-    ) -> tuple[AnySuggested, StagedTool | None]:
-        """A suggestion with what one sees of it, and it at its peak; None if no clip raises it.
-
-        Its twin is not looked at, as it is the same in a mirror.
-        """
-        placement = placed[suggestion.effect.name]
-        part = placement.part
-        moments = [(suggestion.clip, suggestion.time)] if suggestion.clip else self._moments(placement, suggestion)
-        looks = [self._look(placement, *moment, limb=limb) for moment in moments]
-        raised = [each for each in looks if each is not None]
-        clip, time = moments[0] if moments else ("", 0.0)
-        judged = replace(
-            suggestion,
-            clip=clip,
-            time=time,
-            height=max((staged.height for _, staged in raised), default=0.0),
-            wavelength=part.attached.bump_width,
-            targets=sum(len(each.part.drive.targets) for each in placed.values()),
-            own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
-            judgement=Score.of(mean_of([merits for merits, _ in raised])) if raised else None,
-        )
-        return judged, raised[0][1] if raised else None
-
-    def _moments(self, placement: Placement, suggestion: Suggested) -> list[tuple[str, float]]:
-        """Clips and seconds in which shapes are tallest, the tallest of all first."""
-        seen = _seen(placement, suggestion.clips_among(self.checked, placement.part))
-        if not seen:
-            return []
-        heights = np.stack([each.weights.max(axis=0) for each in seen]) * placement.part.sizes(placement.plan.fine)
-        moments: dict[tuple[str, float], None] = {}
-        for shape in np.argsort(-heights.max(axis=0), kind="stable").tolist():
-            motion, _, weights = seen[int(heights[:, shape].argmax())]
-            moments[motion.clip.name, float(motion.times[int(weights[:, shape].argmax())])] = None
-        return list(moments)[:_MOMENTS]
+        return self._tried(least, budget, other) if other else (dropped("warned", 0.0, warning), needed)
 
     def _checked(self, placed: dict[str, Placement], suggestion: Suggested) -> tuple[str, float]:
         """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
@@ -266,26 +236,20 @@ class _Judge:
             warnings += lines
         return (warnings or [""])[0], needed
 
-    def _look(self, placement: Placement, name: str, peak: float, *, limb: bool) -> tuple[Merits, StagedTool] | None:
-        """Look at a tool in a clip at its peak, or before if a fold hides it then; None if the clip does not raise it.
+    def _merits(self, placement: Placement, suggestion: Suggested, tallest: StagedTool, *, limb: bool) -> Merits:
+        """What one sees of a suggestion where one sees it best: where it is tallest, or before if a fold hides it then.
 
-        `limb` is True if a limb folds there. If not `everything` is looked at, a fold that is too open where it is
-        tallest has the best merits that it could get.
-
-        Returns:
-            Its merits where one sees it best, and the tool at its peak, where a fold may hide it.
+        Its twin is not looked at, as it is the same in a mirror. `limb` is True if a limb folds there. If not
+        `everything` is looked at, a fold that is too open where it is tallest has the best merits that it could get.
         """
-        clip, layers = self.asset.clip(name), self.asset.layers
-        first = StagedTool.of(placement, layers, clip, peak)
-        if first.height <= _RAISED * first.size:
-            return None
+        clip, peak = self.asset.clip(suggestion.clip), suggestion.time
         smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
-        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(first) if limb else math.nan)
+        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(tallest) if limb else math.nan)
         if not (self.everything or Score.of(best_merits).is_kept):
-            return best_merits, first
+            return best_merits
 
         def look(time: float) -> tuple[tuple[StagedTool, Sight] | None, Side]:
-            staged = first if time == peak else StagedTool.of(placement, layers, clip, time)
+            staged = tallest if time == peak else StagedTool.of(placement, self.asset.layers, clip, time)
             if staged.height <= _RAISED * staged.size:
                 return None, UNSEEN
             sight = Sight.of(staged)
@@ -295,13 +259,12 @@ class _Judge:
         assert best is not None
         staged, sight = best
         side, crests = look_at(staged, sight, side)
-        merits = Merits(
+        return Merits(
             seen=side.visible if limb else part_not_hidden(sight.place, side),
             crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
             smooth=smooth,
             closed=_closed(staged) if limb else math.nan,
         )
-        return merits, first
 
 
 def _cost(placed: dict[str, Placement], effect: EffectTool | None = None) -> int:
@@ -317,6 +280,15 @@ def _seen(placement: Placement, clips: Sequence[Clip]) -> list[Seen]:
     """It in clips, frame by frame."""
     part, rig = placement.part, placement.plan.rig
     return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
+
+
+def _tallest(placement: Placement, seen: Sequence[Seen]) -> tuple[str, float]:
+    """The clip and the second in which a shape of a suggestion is taller than any other one ever is."""
+    sizes = placement.part.sizes(placement.plan.fine)
+    heights, motion = max(
+        (((each.weights * sizes).max(axis=1), each.motion) for each in seen), key=lambda each: each[0].max()
+    )
+    return motion.clip.name, float(motion.times[int(heights.argmax())])
 
 
 def _closed(staged: StagedTool) -> float:
