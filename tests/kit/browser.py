@@ -193,14 +193,13 @@ class Page:
 
     def _middle(self, element: str) -> list[float]:
         """Where the middle of an element is, once it is there and moves no more."""
-        place = "(each => { each.scrollIntoView({block: 'nearest'}); const box = each.getBoundingClientRect();"
-        place += f" return [box.x + box.width / 2, box.y + box.height / 2]; }})({element})"
-        self.wait(f"!!({element})")
-        found, before = self.value(place), None
+        place = "(each => { each?.scrollIntoView({block: 'nearest'}); const box = each?.getBoundingClientRect();"
+        place += f" return box && [box.x + box.width / 2, box.y + box.height / 2]; }})({element})"
+        found, before = self.wait(place), None
         while found != before:  # panels grow and lists open for a while
             time.sleep(_STEADY)
             self._drawn()
-            found, before = self.value(place), found
+            found, before = self.wait(place), found  # a panel that is shown anew has it no more for a moment
         assert isinstance(found, list)
         return found
 

@@ -234,8 +234,10 @@ def test_a_row_switches_its_tool_a_place_shows_its_compression_and_shift_turns_t
 
             until(hovered, "the compression under the mouse")
             take_picture(tab, "compression")
+            start = client.camera.position.copy()
             tab.press_button("a")
             until(lambda: viewport._compressed is None and page.chosen == "a", "a row ends what was begun")
+            until(lambda: not np.allclose(client.camera.position, start), "a view of the tool")
             tab.press("Escape", code=27)
 
             width, height = client.camera.image_width, client.camera.image_height
