@@ -15,7 +15,7 @@ from wrinklecli import PreviewOptions, demo, preview
 HERE = Path(__file__).resolve().parent
 FPS = 15
 # Clips in the order in which they are shown.
-CLIPS = ("walk", "squat")
+CLIPS = ("squat", "walk")
 
 
 def main(out: Path) -> None:
