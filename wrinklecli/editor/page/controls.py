@@ -22,7 +22,7 @@ _MAPPING = "by hand"
 _OWN = "as below"
 # Marks before the title of a key, by the source of its value; what is built in has none.
 _MARKS: Mapping[Source, str] = {"tool": "× ", "material": "◇ ", "defaults": "≡ ", "built-in": ""}
-_LEGEND = "× own key: a click, or two on its slider, take it away · ◇ of its material · ≡ of the file's defaults"
+_LEGEND = "× set in this tool: click it, or the slider twice, to unset · ◇ from the material · ≡ from the defaults"
 _MAX_SHOWN = 24  # characters of a value among those to go back to
 _CLIPS_TAB = "Clips"
 _USUAL_PERCENT = 25.0  # per cent of the tool's length that a new length has at least

@@ -174,7 +174,7 @@ class Page:
             self._pose_panel = PosePanel(self, self.player)
         play.float(x=15, y=-15, width=PANEL_WIDTH)
         self._pointer.add_buttons()
-        self._names: Any = gui.add_dropdown("tool", (_ALL,), hint="Escape leaves a tool, or what is pending.")
+        self._names: Any = gui.add_dropdown("chosen", (_ALL,), hint="Escape leaves a tool, or what is pending.")
         on_set(self, self._names, "chosen", self._choose_named)
         add_shortcut(self, "Cancel what is pending, or leave the tool", self._escape, "escape")
         self._list = gui.add_folder("Tools")
