@@ -174,7 +174,7 @@ def test_the_warning_and_the_check_name_the_compressible_that_absorbs_all(tmp_pa
     fitting = math.ceil(100 * found.data["tools"][0]["fitting_compressible"])
     (warning,) = [line for line in found.warnings if "not absorbed" in line]
     assert 0 < fitting <= 95
-    assert f"compressible: {fitting}% lets them rise until there" in warning
+    assert f"compressible: {fitting}% has them reach it there" in warning
     after = checked(asset, tool(max_height="6%", compressible=f"{fitting}%"), max_levels=0)
     assert not [line for line in after.warnings if "not absorbed" in line]
     assert after.data["tools"][0]["fitting_compressible"] == found.data["tools"][0]["fitting_compressible"]

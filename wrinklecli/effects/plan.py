@@ -243,8 +243,8 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
-            f" {settings.refinement.max_levels} (a key of `refinement`): one more, of 8 at most, halves them, and fewer"
-            " or longer bumps ask for none as short"
+            f" {settings.refinement.max_levels} (a key of `refinement`): one more level, of 8 at most, halves them, and"
+            " fewer or longer bumps need none so short"
         )
     return warnings
 

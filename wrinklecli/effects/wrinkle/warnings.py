@@ -62,10 +62,10 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
         frame = int(share.argmax())
         fitting = fitting_compressible(patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips))
         percent = math.ceil(100.0 * fitting)
-        remedy = f"compressible: {percent}% lets them rise until there" if percent <= 95 else "it is too low for so few"
+        remedy = f"compressible: {percent}% has them reach it there" if percent <= 95 else "it is too low for so few"
         warnings.append(
             f"{where}: {100 * share[frame]:.2g} % of its length is not absorbed in {worst.clip.name} at"
-            f" {worst.times[frame]:.3g} s: the bumps reach max_height; {remedy}"
+            f" {worst.times[frame]:.3g} s: the bumps are at max_height before that; {remedy}"
         )
     return warnings
 
