@@ -1,7 +1,7 @@
 """Solved folds, kept by all that their solution depends on: where one tool of many moves, the other folds are found.
 
 A fold is a part of a refined mesh. Its solution depends on this part in the poses of sweeps and clips, as all tools and
-effects move it there, and not on the numbers of its vertices in the mesh. So the key is a digest of all that makes these
+effects move it there, and not on the numbers of its vertices in the mesh. So the key is a digest of all that makes the
 poses. What is searched for in poses is kept likewise (`Fold.searched`).
 """
 
