@@ -9,7 +9,8 @@ alone: a set of targets for the whole system would have to follow several joints
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from itertools import chain
 
 import numpy as np
 
@@ -203,8 +204,9 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     Returns:
         The fold, which may have grown, and the fine vertices that cross and that it did not have, or held still.
     """
-    wide = _mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius))
-    counting = np.isin(wide.vertices, fold.vertices[fold.near[: len(fold.vertices)]])
+    looks, free = [(clip, _moments([fold], clip)) for clip in clips], fold.vertices[fold.near[: len(fold.vertices)]]
+    wide = _coming_near(_mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), free, looks)
+    counting = np.isin(wide.vertices, free)
 
     def held_still(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
         still, marked = wide.crossings.pairs_at(wide.rest_positions, counting), np.zeros(len(counting), np.intp)
@@ -213,9 +215,24 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
             marked[corners[~counting[corners].all(axis=1)]] = 1
         return marked
 
-    looks = [(clip, _moments([fold], clip)) for clip in clips]
     fresh = wide.vertices[wide.searched(looks, len(counting), held_still, counting) > 0]
     return grown(fold, fresh, FREE * SOFT * fold.radius / UNITS) if len(fresh) else fold, fresh
+
+
+def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[tuple[Clip, Floats]]) -> Fold:
+    """The part of a fold that comes near its triangles with chosen fine vertices at seconds of some motions, by boxes.
+
+    Nothing else can cross these, so what is searched for does not depend on it.
+    """
+    touched = np.isin(fold.vertices, chosen)[fold.triangles].any(axis=1)
+    near = touched.copy()
+    for positions, _ in chain.from_iterable(fold.poses(*look) for look in looks):
+        corners = [positions.take(each, axis=0) for each in fold.triangles.T]
+        low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
+        near |= ((low <= high[touched].max(axis=0)) & (low[touched].min(axis=0) <= high)).all(axis=1)
+    vertices, triangles = np.unique(fold.triangles[near], return_inverse=True)
+    own, crossed = fold.own[vertices], fold.crossed[vertices]
+    return replace(fold, vertices=fold.vertices[vertices], triangles=triangles.reshape(-1, 3), own=own, crossed=crossed)
 
 
 def _moments(folds: Sequence[Fold], clip: Clip) -> Floats:
