@@ -196,14 +196,11 @@ def look_up(texture: Texture, places: Floats, values: Array = _DECODED) -> Array
     return mixed
 
 
-def pixels_at(texture: Texture, places: Floats, reach: int = 0) -> list[Ints]:
-    """(places,) numbers, row by row, of the pixels at (places, 2) coordinates, and of those so many pixels round it."""
+def pixels_at(texture: Texture, places: Floats) -> Ints:
+    """(places,) numbers, row by row, of the pixels at (places, 2) coordinates."""
     rows, columns = texture.pixels.shape[:2]
     x, y = np.floor(places * (columns, rows)).T
-    steps = range(-reach, reach + 1)
-    down = [columns * _wrapped(y + step, rows, texture.wraps[1]) for step in steps]
-    across = [_wrapped(x + step, columns, texture.wraps[0]) for step in steps]
-    return [row + column for column in across for row in down]
+    return np.asarray(columns * _wrapped(y, rows, texture.wraps[1]) + _wrapped(x, columns, texture.wraps[0]))
 
 
 def _wrapped(indices: Floats, count: int, wrap: str) -> Ints:

@@ -220,5 +220,5 @@ def _evenly_spread(count: int) -> Floats:
 def _looked_up(picture: tuple[Texture, Floats], shares: Floats, corners: Ints) -> Bytes:
     """(points, channels) stored values at (points, 3) shares of (points, 3) corners."""
     texture, coordinates = picture
-    (numbers,) = pixels_at(texture, np.einsum("pk,pkc->pc", shares, coordinates[corners]))
+    numbers = pixels_at(texture, np.einsum("pk,pkc->pc", shares, coordinates[corners]))
     return texture.pixels.reshape(-1, texture.pixels.shape[2]).take(numbers, axis=0)

@@ -37,8 +37,8 @@ class Stroke:
 
     ends: Floats
     colour: Colour
-    width: float = 1.2
-    behind: float = 0.0
+    width: float
+    behind: float
     dash: float = 0.0
 
 
@@ -48,7 +48,7 @@ class Dot:
 
     place: Floats
     colour: Colour
-    radius: float = 3.0
+    radius: float
     kind: Literal["disc", "ring", "cross"] = "disc"
 
 
