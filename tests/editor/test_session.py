@@ -472,6 +472,7 @@ def test_a_tool_with_a_partner_names_its_side(session: Session) -> None:
 def test_what_suggest_finds_is_accepted_one_by_one(session: Session, tmp_path: Path) -> None:
     offers = session.proposals()
     assert offers
+    assert not session.notes, "what was left out is told where nothing was found"
     assert "joint joint_1, shortened by " in offers[0].why
     (first,) = session.accept(offers[0])
     (second,) = session.accept(offers[0])

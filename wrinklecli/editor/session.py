@@ -246,7 +246,8 @@ class Session(Edits):
                 allow_external=options.allow_external,
                 max_memory=options.max_memory,
             )
-            self.notes += [*found.notes, *([f"{self.asset}: {found.reason}"] if found.reason else [])]
+            # What was left out of several counts only where nothing remains; `suggest` says it in a terminal.
+            self.notes += [*found.notes, f"{self.asset}: {found.reason}"] if found.reason else []
             self._proposals = pose, proposals_of(found)
         return self._proposals[1]
 
