@@ -32,7 +32,7 @@ def test_searches_are_found_by_their_name_and_all_arrays() -> None:
             searched.append(sum(map(sum, inputs)))
             return np.full(count, int(searched[-1]))
 
-        return kept_search(search, name, count, lambda: map(np.array, inputs)).tolist()
+        return kept_search(search, name, count, map(np.array, inputs)).tolist()
 
     assert found([1.0, 2.0]) == found([1.0, 2.0]) == [3]
     assert len(searched) == 2  # without a store
@@ -49,7 +49,7 @@ def test_searches_that_are_cut_off_are_done_again() -> None:
     store = Store()
     with solutions_in(store):
         for _ in range(2):
-            assert kept_search(lambda: np.arange(3), "count", 3, lambda: [np.zeros(2)]).tolist() == [0, 1, 2]
+            assert kept_search(lambda: np.arange(3), "count", 3, [np.zeros(2)]).tolist() == [0, 1, 2]
             ((key, data),) = store.kept.items()
             assert data == np.arange(3).astype("<u4").tobytes()
             store.kept[key] = data[:-4]

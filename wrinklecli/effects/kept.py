@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial
 from hashlib import blake2b
 from typing import Any, Protocol, TypeVar
 
@@ -54,28 +53,23 @@ def digest_of(arrays: Iterable[Any], name: str = "") -> str:
     return digest.hexdigest()
 
 
-def kept_search(search: Callable[[], Ints], name: str, count: int, inputs: Callable[[], Iterable[Any]]) -> Ints:
+def kept_search(search: Callable[[], Ints], name: str, count: int, inputs: Iterable[Any]) -> Ints:
     """(count,) numbers from 0 on that a search finds, from the store if they are there.
 
     The search depends on its `inputs`, which are arrays, and on nothing else. No other search has its name.
     """
     if not is_kept():
         return search()
-    key = digest_of(inputs(), name)
-    found = kept_solution(key, partial(_numbers, count), what="what was searched for", most=4 * count)
+
+    def numbers(data: bytes) -> Ints:
+        return np.frombuffer(data, "<u4", count).astype(np.intp)
+
+    key = digest_of(inputs, name)
+    found = kept_solution(key, numbers, what="what was searched for", most=4 * count)
     if found is None:
         found = search()
         keep(key, found.astype("<u4").tobytes)
     return found
-
-
-def _numbers(count: int, data: bytes) -> Ints:
-    """Read (count,) stored numbers.
-
-    Raises:
-        ValueError: There are fewer.
-    """
-    return np.frombuffer(data, "<u4", count).astype(np.intp)
 
 
 def kept_solution(key: str, read: Callable[[bytes], Solution], *, what: str, most: int) -> Solution | None:

@@ -21,7 +21,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.table import LeaningTable, Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
-from wrinklecli.effects.contact.fold import Fold
+from wrinklecli.effects.contact.fold import Fold, Poses
 from wrinklecli.effects.contact.given_up import TORN, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.solution import March, Solution, is_clear
@@ -220,7 +220,7 @@ class Crease:
         parts = [(here, each.shapes[:, there]) for (here, there), each in zip(places, moves, strict=True)]
         weights = [interpolated(moments, each.times, each.weights) for each in moves]
 
-        def torn(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+        def torn(poses: Poses) -> Ints:
             flags = np.zeros(len(frames), np.intp)
             for number, (given, matrices) in enumerate(poses):
                 shown = given.copy()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -48,6 +48,12 @@ _LEAST_RADIUS = 0.25
 _NEARNESS_POSES = 4
 # Moments of a clip at which other meshes are checked for crossing themselves, at most.
 _MOMENTS = 8
+
+
+Look: TypeAlias = tuple[Clip, Floats]
+"""A motion, and (frames,) seconds of it."""
+Poses: TypeAlias = Iterator[tuple[Floats, Floats]]
+"""Frame by frame (vertices, 3) positions in world space, and (vertices, 3, 3) matrices from bind space."""
 
 
 class Mover(Protocol):
@@ -221,14 +227,22 @@ class Fold:
         _, here, there = np.intersect1d(self.vertices, vertices, assume_unique=True, return_indices=True)
         return here, there
 
-    def posed(self, clip: Clip | None, times: Floats) -> tuple[Floats, Floats]:
-        """Pose the wrinkled surface at (frames,) seconds of a clip.
+    def posed(self, clip: Clip | None, times: Floats, known: Sequence[Floats] = ()) -> tuple[Floats, Floats]:
+        """Pose the wrinkled surface at (frames,) seconds of a clip, whose `_amplitudes` may be known.
 
         Returns:
             (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
             the vertices of other meshes.
         """
-        return self._posed(clip, times, self._amplitudes(clip, times))
+        amplitudes = known or self._amplitudes(clip, times)
+        moves = np.zeros((len(times), len(self.vertices), 3))
+        for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
+            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
+        for each in self.movers:
+            here, there = self.shared_with(each.vertices)
+            moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
+        every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
+        return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
     def _amplitudes(self, clip: Clip | None, times: Floats) -> list[Floats]:
         """The (frames, groups, modes) amplitudes of the tools in `moved` at (frames,) seconds of a clip.
@@ -239,17 +253,6 @@ class Fold:
         if clip is not None and clip.index < 0:
             return [looked_up(each.curve, each.segment.lengths(self.rig, clip, times)) for each in patches]
         return [each.amplitudes for each in activities(patches, self.rig, clip, times)]
-
-    def _posed(self, clip: Clip | None, times: Floats, amplitudes: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """`posed` with the amplitudes at these times."""
-        moves = np.zeros((len(times), len(self.vertices), 3))
-        for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
-            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
-        for each in self.movers:
-            here, there = self.shared_with(each.vertices)
-            moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
-        every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
-        return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
     def at_height(self, factor: float) -> "Fold":
         """The fold with the wrinkles of its own tools at a part of their height."""
@@ -263,7 +266,7 @@ class Fold:
         """`posed` frame by frame."""
         amplitudes = self._amplitudes(clip, times)
         for part in portions(len(times), 8 * len(self.vertices)):
-            yield from zip(*self._posed(clip, times[part], [each[part] for each in amplitudes]), strict=True)
+            yield from zip(*self.posed(clip, times[part], [each[part] for each in amplitudes]), strict=True)
 
     def inputs(self, clip: Clip | None, times: Floats) -> Iterator[Any]:
         """The arrays on which `poses` depends, and on nothing else; to pose takes ten times as long."""
@@ -280,13 +283,7 @@ class Fold:
             here, there = self.shared_with(mover.vertices)
             yield from (here, mover.displacements(self.fine, self.rig, clip, times)[:, there])
 
-    def searched(
-        self,
-        looks: Sequence[tuple[Clip, Floats]],
-        count: int,
-        search: Callable[[Iterator[tuple[Floats, Floats]]], Ints],
-        *inputs: Any,
-    ) -> Ints:
+    def searched(self, looks: Sequence[Look], count: int, search: Callable[[Poses], Ints], *inputs: Any) -> Ints:
         """(count,) numbers that a search finds in the fold's poses, from where they are kept by what it depends on.
 
         Args:
@@ -296,12 +293,9 @@ class Fold:
             inputs: The arrays on which the search depends besides, but the triangles and rest positions of the fold.
         """
         looks, fixed = [look for look in looks if len(look[1])], [self.triangles, self.rest_positions, *inputs]
-        return kept_search(
-            lambda: search(chain.from_iterable(self.poses(*look) for look in looks)),
-            search.__qualname__,
-            count,
-            lambda: chain(fixed, *(self.inputs(*look) for look in looks)),
-        )
+        known = chain(fixed, *(self.inputs(*look) for look in looks))
+        poses = chain.from_iterable(self.poses(*look) for look in looks)
+        return kept_search(partial(search, poses), search.__qualname__, count, known)
 
     def crossing(self, positions: Floats) -> Bools:
         """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.

@@ -11,7 +11,7 @@ Crossings are counted as edges that pass through triangles, as in `check --cross
 fold's tools may move. Pairs that cross at rest do not count: they never collide.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.drive import Rows
-from wrinklecli.effects.contact.fold import FAINT, Fold
+from wrinklecli.effects.contact.fold import FAINT, Fold, Poses
 from wrinklecli.effects.contact.given_up import TORN, WORSE
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
@@ -248,7 +248,7 @@ class _Look:
         found[frames] = [self._known[key] for key in asked]
         return found
 
-    def _counts(self, poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+    def _counts(self, poses: Poses) -> Ints:
         """(poses,) edges that pass through triangles in each of some poses."""
         pairs = (self.fold.crossings.pairs_at(positions, self.counting) - self._still for positions, _ in poses)
         counts = np.array([*map(len, pairs)], np.intp)

@@ -7,7 +7,7 @@ fold fits its own shapes to its part. Shapes, targets and look-ups are those of 
 alone: a set of targets for the whole system would have to follow several joints at once. Not in the paper.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, reduce
 from itertools import chain
@@ -17,7 +17,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.crease import Crease, MarchedClip, march_clip
 from wrinklecli.effects.contact.fitting import combined
-from wrinklecli.effects.contact.fold import REACH_RADII, Fold, grown
+from wrinklecli.effects.contact.fold import REACH_RADII, Fold, Look, Poses, grown
 from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
@@ -181,10 +181,10 @@ def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
     return fold.vertices[marked[: len(fold.vertices)]]
 
 
-def _crossing_in(fold: Fold, looks: Sequence[tuple[Clip, Floats]]) -> Bools:
+def _crossing_in(fold: Fold, looks: Sequence[Look]) -> Bools:
     """(vertices,) True for those that cross at seconds of some motions, and not at rest."""
 
-    def crossing(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+    def crossing(poses: Poses) -> Ints:
         marked = np.logical_or.reduce([fold.crossing(positions) for positions, _ in poses])
         return np.asarray(marked & ~fold.crossing(fold.rest_positions), np.intp)
 
@@ -208,7 +208,7 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     wide = _coming_near(_mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), free, looks)
     counting = np.isin(wide.vertices, free)
 
-    def held_still(poses: Iterator[tuple[Floats, Floats]]) -> Ints:
+    def held_still(poses: Poses) -> Ints:
         still, marked = wide.crossings.pairs_at(wide.rest_positions, counting), np.zeros(len(counting), np.intp)
         for positions, _ in poses:
             corners = wide.crossings.corners_of(wide.crossings.pairs_at(positions, counting) - still)
@@ -219,7 +219,7 @@ def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
     return grown(fold, fresh, FREE * SOFT * fold.radius / UNITS) if len(fresh) else fold, fresh
 
 
-def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[tuple[Clip, Floats]]) -> Fold:
+def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
     """The part of a fold that comes near its triangles with chosen fine vertices at seconds of some motions, by boxes.
 
     Nothing else can cross these, so what is searched for does not depend on it.
