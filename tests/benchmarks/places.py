@@ -9,6 +9,7 @@ with its merits as `suggest --all --json` prints them; those of tools are measur
 nothing where no `limb` folds, so such places are in the counts alone; and no tool where a field lies, so that places
 that are not `bare` are in the fit alone. Fields are weighed as tools are, and in the counts alone: a fit to both drops
 fields between plates of armour, and toes, which artists keep.
+A row of two fields, left and right, has the merits of the one that scores less: both are proposed, or none.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
 width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
