@@ -40,7 +40,7 @@ class Layers:
         self._moment: tuple[Clip, float] | None = None
         self._boxes: dict[int, Floats] = {}
         self._posed = lru_cache(_KNOWN_LAYERS)(self._pose)
-        self._stored_box = cache(self._bounds)
+        self._stored_box = cache(lambda number: _box(_corners(self._layers[number], None, 0.0)))
 
     def near(self, clip: Clip, time: float, low: Floats, high: Floats, *, node: int) -> Iterator[Floats]:
         """(triangles, 3, 3) corners, in a pose, of each layer that may reach into a box, but not of a node's own.
@@ -61,10 +61,6 @@ class Layers:
             # Comparisons with the infinite bounds of a hidden layer are False.
             if (least <= high).all() and (most >= low).all():
                 yield self._posed(number)
-
-    def _bounds(self, number: int) -> Floats:
-        """(2, 3) bounds in the stored pose."""
-        return _box(_corners(self._layers[number], None, 0.0))
 
     def _pose(self, number: int) -> Floats:
         assert self._moment is not None
