@@ -22,7 +22,7 @@ from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import Suggested, TriedAsset
-from wrinklecli.review.suggest.worth import Judge, Worthwhile
+from wrinklecli.review.suggest.worth import Draft, Judge, Worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import Field
@@ -179,13 +179,13 @@ def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> 
 
     The budget is bytes on a GPU. Where all take too much, folds are as much wider: those need fewer vertices.
     """
-    fields, least, count = [each.suggestion for each in garments], RefinementSettings(), len(garments)
-    found = judge.worthwhile(fields, least, count=count, budget=_OF_FIELDS * budget)
-    costly = sum(each.value for each in found.dropped if each.reason == "costly")
-    if costly:
-        over = (costly + sum(each.gpu_bytes for each in found.kept)) / (_OF_FIELDS * budget)
-        wider = [each.widened(min(over, _WIDEST)) for each in fields]
-        found = judge.worthwhile(wider, least, count=count, budget=budget)
+    fields, least = [each.suggestion for each in garments], RefinementSettings()
+    drafts = {each.field.name: judge.drafted(least, each) for each in fields}
+    over = sum(each.cost for each in drafts.values() if isinstance(each, Draft)) / (_OF_FIELDS * budget)
+    if over > 1.0 and not judge.everything:
+        fields = [each.widened(min(over, _WIDEST)) for each in fields]
+        drafts = {each.field.name: judge.drafted(least, each) for each in fields}
+    found = judge.worthwhile(fields, least, count=len(fields), budget=budget, drafts=drafts)
     # A sleeve alone looks like a fault.
     left_out = {each.mesh: each for each in found.dropped}
     for each in found.kept:

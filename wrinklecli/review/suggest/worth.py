@@ -6,11 +6,12 @@ warn gives way to others that fit the same place, so that the file passes `check
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
-from typing import Generic, TypeVar
+from types import MappingProxyType
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -75,6 +76,12 @@ class Dropped:
         """A suggestion that is over the budget, with its bytes on a GPU."""
         return cls(suggestion.effect.name, suggestion.mesh, "costly", float(size), f"{size / 1e6:.1f} MB")
 
+    @classmethod
+    def refused(cls, suggestion: Suggested, error: BakeError) -> "Dropped":
+        """A suggestion that a bake refuses, without the place in the file, which nobody has."""
+        why = error.lines[0].removeprefix(f"{error.places[0]}: ")
+        return cls(suggestion.effect.name, suggestion.mesh, "refused", 0.0, why)
+
     @property
     def line(self) -> str:
         """The reason in words, for people."""
@@ -116,6 +123,22 @@ class Worthwhile(Generic[AnySuggested]):
         return [line] if reasons else []
 
 
+class Draft(NamedTuple):
+    """A suggestion on the refined mesh, before that carries a field, which takes long.
+
+    Attributes:
+        needed: The refinement that it needs.
+        placed: It and its twin, by name.
+        cost: What they take on a GPU at most, bytes.
+        limb: True if a limb folds there.
+    """
+
+    needed: RefinementSettings
+    placed: dict[str, Placement]
+    cost: int
+    limb: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Judge:
     """Tries, looks at, scores and checks suggestions.
@@ -133,7 +156,13 @@ class Judge:
     progress: Progress = log_progress
 
     def worthwhile(
-        self, suggestions: Iterable[AnySuggested], least: RefinementSettings, *, count: int, budget: float = math.inf
+        self,
+        suggestions: Iterable[AnySuggested],
+        least: RefinementSettings,
+        *,
+        count: int,
+        budget: float = math.inf,
+        drafts: Mapping[str, Dropped | Draft] = MappingProxyType({}),
     ) -> Worthwhile[AnySuggested]:
         """Try and look at suggestions, best first, until some are worth keeping.
 
@@ -142,13 +171,14 @@ class Judge:
             least: What the tools file has at least.
             count: Most to keep.
             budget: Most bytes on a GPU that they may take; the best that fit are kept.
+            drafts: Those that are known already, by name.
         """
         budget = math.inf if self.everything else budget
         found = Worthwhile[AnySuggested]([], least, [])
         remaining = islice(suggestions, count if self.everything else _LOOKS * count)
         while batch := list(islice(remaining, count - len(found.kept))):
             known = len(found.kept) + len(found.dropped)
-            tried = in_processes(partial(self._tried, least, budget), batch, self.asset.jobs)
+            tried = in_processes(partial(self._tried, least, budget, drafts), batch, self.asset.jobs)
             for step, (each, needed) in enumerate(tried, 1):
                 self.progress("looking", known + step, known + len(batch))
                 if isinstance(each, Dropped):
@@ -163,29 +193,41 @@ class Judge:
                     found = replace(found, refinement=replace(least, max_levels=levels, scheme=scheme))
         return found
 
-    def _tried(
-        self, least: RefinementSettings, budget: float, suggestion: AnySuggested
-    ) -> tuple[AnySuggested | Dropped, RefinementSettings]:
-        """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs.
-
-        What is cheap to know counts first: facets do before any refinement, and bytes before a mesh carries a field.
-        """
-        dropped, needed = partial(Dropped, suggestion.effect.name, suggestion.mesh), least
-        placed = dict[str, Placement]()
+    def drafted(self, least: RefinementSettings, suggestion: Suggested) -> Dropped | Draft:
+        """Attach a suggestion, and refine the mesh for it; facets, which are cheap to know, count before that."""
+        dropped = partial(Dropped, suggestion.effect.name, suggestion.mesh)
+        needed, placed = least, dict[str, Placement]()
         try:
             trials = Trial.of(self.asset, suggestion)
             limb = not suggestion.by_morph and trials[0].attached[0].segment is not None
             smooth = min(each.smooth for each in trials)
             best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=1.0 if limb else math.nan))
             if not (self.everything or best.is_kept):
-                return dropped(*best.reason), needed
+                return dropped(*best.reason)
             for trial in trials:
                 needed, more = trial.placed(needed)
                 placed |= more
-            if any(each.coarse for each in placed.values()):
-                return dropped("coarse", 0.0), least
-            if (cost := _cost(placed)) > budget:
-                return Dropped.costly(suggestion, cost), needed
+        except BakeError as error:
+            return Dropped.refused(suggestion, error)
+        coarse = any(each.coarse for each in placed.values())
+        return dropped("coarse", 0.0) if coarse else Draft(needed, placed, _cost(placed), limb)
+
+    def _tried(
+        self,
+        least: RefinementSettings,
+        budget: float,
+        drafts: Mapping[str, Dropped | Draft],
+        suggestion: AnySuggested,
+    ) -> tuple[AnySuggested | Dropped, RefinementSettings]:
+        """A suggestion that is worth keeping, or one that fits the same place, with the refinement that it needs."""
+        dropped = partial(Dropped, suggestion.effect.name, suggestion.mesh)
+        draft = drafts.get(suggestion.effect.name) or self.drafted(least, suggestion)
+        if isinstance(draft, Dropped):
+            return draft, least
+        needed, placed, cost, limb = draft
+        if cost > budget:
+            return Dropped.costly(suggestion, cost), least
+        try:
             placement = placed[suggestion.effect.name]
             if not suggestion.clip:
                 seen = _seen(placement, suggestion.clips_among(self.checked, placement.part))
@@ -205,7 +247,7 @@ class Judge:
                 judgement=Score.of(self._merits(placement, suggestion, tallest, limb=limb)) if raised else None,
             )
         except BakeError as error:
-            return dropped("refused", 0.0, error.lines[0].removeprefix(f"{error.places[0]}: ")), least
+            return Dropped.refused(suggestion, error), least
         if self.everything:
             return judged, needed
         if judged.judgement is None:
@@ -219,7 +261,7 @@ class Judge:
         if not warning:
             return judged, needed
         other = suggestion.mended(compressible)
-        return self._tried(least, budget, other) if other else (dropped("warned", 0.0, warning), needed)
+        return self._tried(least, budget, {}, other) if other else (dropped("warned", 0.0, warning), needed)
 
     def _checked(self, placed: dict[str, Placement], suggestion: Suggested) -> tuple[str, float]:
         """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
