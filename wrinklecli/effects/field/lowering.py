@@ -1,8 +1,8 @@
 """Lowers a field in the places where some pose shows it at fault.
 
-Two things are at fault: a triangle that the field turns over and the skin alone does not, and an edge that passes
-through a triangle, in a pose in which the skin alone has fewer of these. A field's heights are ours, and level it is
-the skin, so this always has an answer.
+Two things are at fault: a triangle that the field turns over and the skin alone does not, and, with `contact: resolve`,
+an edge that passes through a triangle, in a pose in which the skin alone has fewer of these. A field's heights are
+ours, and level it is the skin, so this always has an answer.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,9 +22,8 @@ from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distin
 from wrinklecli.numeric.intersections import Crossings, crossing, edges_of
 from wrinklecli.surface.refine import Refinement
 
-# Most poses in which the surface is looked at, and in how many of these at crossings without contact. In all of them
-# that is half of the time of a bake, and in those of the greatest heights, where most cross, a tenth.
-_POSES, _CROSSING = 64, 8
+# Most poses in which the surface is looked at.
+_POSES = 64
 # Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
 _MOMENTS, _DIGITS = 25, 3
 # Halvings of what is at fault for the first time. Each further time takes as many as all before and a first one more,
@@ -53,7 +52,8 @@ def lowering(
     slopes, surface = _Slopes.of(fine, attached.wavelength), _Posed(fine, matrices, ways, influences)
     raised = weights @ heights
     looks = list(_turning(surface, raised, slopes))
-    looks += _crossing(surface, raised[: _POSES if attached.tool.contact is not None else _CROSSING])
+    if attached.tool.contact is not None:
+        looks += _crossing(surface, raised)
     left, halvings, looked = np.ones(heights.shape), np.zeros(heights.shape), looks
     # What is lowered again and again becomes level, so this ends.
     while looked:
