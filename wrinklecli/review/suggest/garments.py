@@ -98,16 +98,23 @@ class Garment:
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
     """Find the garments among meshes; of instances the first one counts."""
     garments: list[Garment] = []
+    parts = read_bones(asset.document).parts
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
-            found = _garment(asset, mesh, [each.suggestion.field.name for each in garments], options)
+            found = _garment(asset, mesh, parts, [each.suggestion.field.name for each in garments], options)
             garments += [] if found is None else [found]
     return garments
 
 
-def _garment(asset: TriedAsset, mesh: MeasuredMesh, taken: Sequence[str], options: SuggestOptions) -> Garment | None:
+def _garment(
+    asset: TriedAsset,
+    mesh: MeasuredMesh,
+    parts: Sequence[PartOfBody | None],
+    taken: Sequence[str],
+    options: SuggestOptions,
+) -> Garment | None:
     """The field of a mesh; None if hardly anything of it is cloth, or if no joint folds it."""
-    gauge, rig, document, parts = mesh.gauge, mesh.rig, asset.document, read_bones(asset.document).parts
+    gauge, rig, document = mesh.gauge, mesh.rig, asset.document
     if not rig.skinned or is_rigid(gauge):
         return None
     primitives = gauge.surface.primitives[gauge.numbers]
