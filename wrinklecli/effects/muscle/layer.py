@@ -14,7 +14,7 @@ from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shap
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.volume import SHORTEST
-from wrinklecli.errors import listed
+from wrinklecli.errors import BakeError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
@@ -204,12 +204,19 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
         return MuscleWords(attached, deltas, *_fullest(plan, deltas, split(response.mix[-1:], response.lows)[0]))
 
     def effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
-        """The effect of one muscle."""
+        """The effect of one muscle.
+
+        Raises:
+            BakeError: So few vertices lie above it that a part of its travel moves none.
+        """
         response = attached.response
         flexed = np.linspace(len(response.mix) - 1, 0, min(_FIT_KNOTS, len(response.mix))).astype(int)
         rows = split(np.vstack([response.mix[flexed], response.thinnest]), response.lows)
-        words = self.words(plan, attached, deltas)
-        return replace(body_effect(attached, body_shapes(plan, deltas, rows), words), exact=response)
+        shapes = body_shapes(plan, deltas, rows)
+        if any(each is None for each in shapes):
+            fault = "too few vertices lie above it for a belly that travels; `travel: false` has it bulge in place"
+            raise BakeError(fault, where=attached.tool.place("travel"))
+        return replace(body_effect(attached, shapes, self.words(plan, attached, deltas)), exact=response)
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip; with clips, each muscle speaks for itself."""
