@@ -296,6 +296,7 @@ def watched(edits: Sequence[Edit], folder: Path, run: Callable[[], Any]) -> Any:
     left = list(edits)
     sound = (folder / "sound.glb").read_bytes() if (folder / "sound.glb").is_file() else b""
     contents: dict[str, bytes] = {}
+    held: list[int] = []
     usual, count = time.sleep, 0
 
     def meanwhile(seconds: float) -> None:
@@ -319,6 +320,7 @@ def watched(edits: Sequence[Edit], folder: Path, run: Callable[[], Any]) -> Any:
                 path.write_bytes(contents.get(name, b"")[: len(contents.get(name, b"")) // 2])
             case "pipe":
                 os.mkfifo(path)
+                held.append(os.open(path, os.O_RDWR))  # a picture fits into it, so who writes it need not wait
             case "folder":
                 path.mkdir()
             case "again":
@@ -331,3 +333,5 @@ def watched(edits: Sequence[Edit], folder: Path, run: Callable[[], Any]) -> Any:
         return run()
     finally:
         time.sleep = usual
+        for each in held:
+            os.close(each)
