@@ -18,7 +18,7 @@ from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import AssetError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, face_normals, ramp, unit
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, face_normals, ramp, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.pieces import difference, pieces_of
@@ -93,12 +93,10 @@ _GREY, _PLAIN = 0.02, 0.015
 _DARK = (0.25, 0.37)
 # Parts of the body that show bare skin, the surest first: heads have hair.
 _SHOWING: tuple[tuple[Part, ...], ...] = (("hand", "palm", "finger"), ("head",))
-# Distances in Oklab at which a colour of human skin is still the bare skin's, and at which it is another one, which is
-# less likely skin: soles and lips differ, but not as brown trousers do.
-_OTHER_SKIN = (0.05, 0.1)
+# Distance in Oklab from the bare skin beyond which a colour of human skin is less and less likely skin, up to twice as
+# far: soles and lips differ, but not as brown trousers do. Any colour that is half as far is the bare skin's.
+_SKIN_APART = 0.05
 _NOT_BARE = 0.7
-# Distances at which any colour is no longer the bare skin's, and at which it is.
-_SAME_SKIN = (0.05, 0.025)
 # Part of the hands and of the head that a colour has at least if it is the skin's: a face is a third of a head.
 _SHARED = 0.2
 # Colours that are tried as the skin's: one on a tenth of the hands is among them.
@@ -370,7 +368,7 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     tanned = np.maximum(brown, _EITHER * black)
     if bare is not None:
         apart = difference(swatches.colours, bare)
-        skin = np.maximum(skin * (1.0 - _NOT_BARE * ramp(apart, *_OTHER_SKIN)), ramp(apart, *_SAME_SKIN))
+        skin = np.maximum(skin * (1.0 - _NOT_BARE * ramp(apart, _SKIN_APART, 2.0 * _SKIN_APART)), _same(apart))
     found: dict[SubstanceKind, Floats] = {
         "skin": _COLOUR * skin.mean(axis=1),
         "leather": 0.9 * _COLOUR * tanned.mean(axis=1),
@@ -434,7 +432,12 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
 
 def _near(colours: Floats, others: Floats) -> Floats:
     """(colours, others) 1 where (colours, 3) colours are those of (others, 3), and 0 where they are not."""
-    return ramp(difference(colours[:, None], others), *_SAME_SKIN)
+    return _same(difference(colours[:, None], others))
+
+
+def _same(apart: Floats) -> Floats:
+    """(…,) 1 where colours are so little apart that they are the same skin's, 0 where they are not."""
+    return ramp(apart, _SKIN_APART, _SKIN_APART / 2.0)
 
 
 def _some(colours: Floats) -> Floats:
@@ -463,7 +466,7 @@ def _colours_shown(
             found.append(swatches.colours[0])
             shares.append(np.full(len(found[-1]), areas.sum()))
     every = np.concatenate(shares)
-    return np.concatenate(found), every / max(float(every.sum()), 1e-300)
+    return np.concatenate(found), every / max(float(every.sum()), TINY)
 
 
 def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | None:
