@@ -25,12 +25,12 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Bools, Floats, unit, unit_quaternions
 
 
-# Least and greatest degrees by which parts of a body turn ahead, aside, and about the bone.
 def _either(most: float) -> tuple[float, float]:
-    """As far to one side as to the other."""
+    """The least and the greatest degrees of a turn that goes as far to one side as to the other."""
     return -most, most
 
 
+# Least and greatest degrees by which parts of a body turn ahead, aside, and about the bone.
 _TRUNK = ((-15.0, 35.0), _either(20.0), _either(20.0))
 _NECK = (_either(25.0), _either(20.0), _either(35.0))
 _BODY: Mapping[Part | None, Sequence[tuple[float, float]]] = {

@@ -67,7 +67,7 @@ class Weights(Protocol):
 
 
 class BaseDrive(ABC):
-    """What holds for a drive that says nothing else: its measurements are the weights of its targets."""
+    """A drive whose measurements are the weights of its targets, unless it says otherwise."""
 
     __slots__ = ()
 

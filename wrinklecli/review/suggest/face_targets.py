@@ -208,7 +208,7 @@ def _named_binds(document: Document, rig: Rig) -> Iterator[tuple[str, Any, str, 
 
 
 def _inside(value: Any, *keys: str) -> Any:
-    """What stands in nested objects, which nothing has checked in extensions; None if it is not there."""
+    """The value in nested objects, which nothing has checked in extensions; None if it is not there."""
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     return value

@@ -279,7 +279,7 @@ class Judge:
         return (warnings or [""])[0], needed
 
     def _merits(self, placement: Placement, suggestion: Suggested, tallest: StagedTool, *, limb: bool) -> Merits:
-        """What one sees of a suggestion where one sees it best: where it is tallest, or before if a fold hides it then.
+        """The merits of a suggestion where one sees it best: where it is tallest, or before if a fold hides it then.
 
         Its twin is not looked at, as it is the same in a mirror. `limb` is True if a limb folds there. If not
         `everything` is looked at, a fold that is too open where it is tallest has the best merits that it could get.
