@@ -15,6 +15,7 @@ from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.drive import AnyDrive, Drive, Rows
 from wrinklecli.drive.play import Playing, play_grid
 from wrinklecli.drive.table import Table
+from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.wrinkle.effect import tool_drive
 from wrinklecli.effects.wrinkle.lookup import curve_table
 
@@ -39,7 +40,7 @@ def limb() -> Prepared:
 
 @cache
 def drives() -> tuple[AnyDrive, ...]:
-    """Drives of all these tools, one of a joint, and one with rows."""
+    """Drives of all these tools, one of a joint, one of two turns, and one with rows."""
     found = []
     for number, patch in enumerate(limb().patches):
         table = curve_table(patch.curve)
@@ -47,15 +48,17 @@ def drives() -> tuple[AnyDrive, ...]:
         found.append(tool_drive(patch, names, table))
     joint = int(limb().rig.joints[1])
     angle = JointAngle(joint, int(limb().rig.parents[joint]), np.array([0.0, 0.0, 1.0]), np.array([0, 0, 0, 1.0]))
-    turned = Drive("", angle, ("turned",), Table("angles", np.array([-1.0, 0.0, 1.0]), np.array([[1.0], [0.0], [2.0]])))
-    return (*found, turned, replace(found[0], targets=("one", "other"), rows={"fold": ROWS}))
+    table = Table("angles", np.array([-1.0, 0.0, 1.0]), np.array([[1.0], [0.0], [2.0]]))
+    turned = Drive("", angle, ("turned",), table)
+    turns = TurnDrive("", ((angle, table), (angle, table)), ("of_one", "of_other"))
+    return (*found, turned, turns, replace(found[0], targets=("one", "other"), rows={"fold": ROWS}))
 
 
 MOMENTS = st.lists(st.integers(0, 200).map(lambda each: each / 100.0), min_size=1, max_size=12, unique=True)
 
 
 @given(
-    chosen=st.lists(st.integers(0, len(TOOLS) + 1), max_size=5),
+    chosen=st.lists(st.integers(0, len(TOOLS) + 2), max_size=5),
     moments=MOMENTS,
     chunk=st.sampled_from([1, 3, 4096]),
     stored=st.booleans(),

@@ -52,7 +52,8 @@ def _joined(parts: Sequence[Any]) -> Any:
     if len(parts) == 1:
         return parts[0]
     if isinstance(parts[0], tuple):
-        return type(parts[0])(*(_joined(each) for each in zip(*parts, strict=True)))
+        joined = tuple(_joined(each) for each in zip(*parts, strict=True))
+        return joined if type(parts[0]) is tuple else type(parts[0])(*joined)
     return np.concatenate(parts) if isinstance(parts[0], np.ndarray) else parts[0]
 
 
