@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.editor.guessed_tools import ToolGuesser
 from wrinklecli.editor.proposals import proposed_keys
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, significant
-from wrinklecli.review.suggest.placed import ToolGuesser
 from wrinklecli.surface.bones import below_skin
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Touch

@@ -49,7 +49,7 @@ class Proposal:
 
 
 def proposed_keys(tool: WrinkleTool) -> dict[str, Any]:
-    """The keys of a tool from `suggest.placed`, without its name and its ends."""
+    """The keys of a tool from `guessed_tools`, without its name and its ends."""
     shown = () if tool.material is None else ("material", "bumps", "compressible")
     values = written_keys(tool, usual_effect(tool, presets()), shown)
     return {key: value for key, value in values.items() if key not in ("name", "origin", "target")}

@@ -22,6 +22,7 @@ from wrinklecli.editor.clicked import NEW_KINDS, Clicked
 from wrinklecli.editor.clip_cache import RecentResults, frame_times
 from wrinklecli.editor.edits import Draft, Edits, Step, length_of
 from wrinklecli.editor.free_pose import POSE, FreePose
+from wrinklecli.editor.guessed_tools import Compressed, ToolGuesser
 from wrinklecli.editor.hand import Hand, slide_to
 from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.proposals import Proposal, proposals_of
@@ -34,7 +35,6 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.guard import guarded
-from wrinklecli.review.suggest.placed import Compressed, ToolGuesser
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides, numbered

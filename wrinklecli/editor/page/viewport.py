@@ -13,6 +13,7 @@ from wrinklecli.character.paints import Colour, Paint, Texture, read_paints
 from wrinklecli.character.scene import read_scene
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh, ShownMesh
 from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.guessed_tools import Compressed
 from wrinklecli.editor.mask_canvas import MaskCanvas
 from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
 from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
@@ -29,7 +30,6 @@ from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours, point_colours
 from wrinklecli.review.preview.shown import INKS
-from wrinklecli.review.suggest.placed import Compressed
 from wrinklecli.surface.ground import Ground
 
 _READ_SECONDS = 0.08  # seconds in which a browser reads a coloured mesh
