@@ -289,6 +289,15 @@ def test_an_output_that_cannot_be_written(wrinkle: Wrinkle, tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("old")
+def test_a_refused_bake_leaves_no_cache(wrinkle: Wrinkle, tmp_path: Path) -> None:
+    ran = wrinkle("bake", "absent.glb", "tools.yaml", "-o", "out.glb", "--cache", "new/cache")
+    assert_at_fault(ran, tmp_path, "absent.glb: ")
+    ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", "--cache", "tools.yaml")
+    assert_at_fault(ran, tmp_path, "tools.yaml: cannot be written: File exists")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.usefixtures("old")
 def test_a_report_that_cannot_be_written_leaves_the_old_output(wrinkle: Wrinkle, tmp_path: Path) -> None:
     for option in ("--report", "--timings", "--depfile"):
         ran = wrinkle("bake", WRIST, "tools.yaml", "-o", "out.glb", option, "absent/file")

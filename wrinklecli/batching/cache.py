@@ -78,15 +78,17 @@ class Cache:
 
     def __init__(self, place: str) -> None:
         self._place = place
+        self._has_tag = False
         self.warnings: list[str] = []
 
     def open(self) -> None:
-        """Make sure that the cache can be written."""
+        """Make sure that the cache can be written, and that backup programs know it; what is kept first does so too."""
         tag = stores.join(self._place, TAG)
         with suppress(OSError):
-            if stores.read(tag) == _TAG:
-                return
-        self._put(tag, _TAG)
+            self._has_tag = self._has_tag or stores.read(tag) == _TAG
+        if not self._has_tag:
+            self._write(tag, _TAG)
+            self._has_tag = True
 
     def find(self, key: str, outputs: JobFiles) -> Record | None:
         """Look up the outputs of a job by its key; None if there is no record, or one that this job cannot have."""
@@ -173,6 +175,10 @@ class Cache:
             self.warnings.append(line)
 
     def _put(self, path: str, data: bytes) -> None:
+        self.open()
+        self._write(path, data)
+
+    def _write(self, path: str, data: bytes) -> None:
         try:
             self._refuse_links(os.path.dirname(path))
             stores.put(path, data)

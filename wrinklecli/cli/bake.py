@@ -14,6 +14,7 @@ from wrinklecli.cli.output import Progress, emit_json, say, say_findings
 from wrinklecli.cli.streams import command_outputs
 from wrinklecli.errors import WrinkleError, listed
 from wrinklecli.files.formats import MODEL_ENDINGS
+from wrinklecli.files.outputs import Outputs
 
 # Control characters, wildcards, and characters that end a list of files or have a meaning in Make or Ninja.
 _NOT_CARRIED = re.compile(r"[\x00-\x1f\x7f*?\[;|<>^`]")
@@ -133,7 +134,7 @@ def bake(
             outputs.claim(path)
         details = report is not None or as_json
         chosen = BakeOptions(details=details, jobs=jobs or core_count(), **options)
-        with _kept_in(cache), Progress(quiet=quiet, lines=progress) as shown:
+        with _kept_in(cache, outputs), Progress(quiet=quiet, lines=progress) as shown:
             made, mapped = bake_with_maps(asset, tools, output, maps_dir, chosen, outputs=outputs, progress=shown.show)
         if report is not None:
             outputs.add_bytes(report, text_of(made.data).encode())
@@ -158,21 +159,23 @@ def bake(
 
 
 @contextmanager
-def _kept_in(folder: str | None) -> Iterator[None]:
+def _kept_in(folder: str | None, outputs: Outputs) -> Iterator[None]:
     """Keep solutions in the folder of a cache, if there is one, and warn of what there is damaged.
 
     Raises:
-        WrinkleError: The cache cannot be written.
+        WrinkleError: The folder cannot be made.
     """
     if folder is None:
         yield
         return
     # Imported here, as other bakes need none of it.
     from wrinklecli.batching.cache import Cache, Solutions
+    from wrinklecli.batching.stores import is_url
     from wrinklecli.effects.kept import solutions_in
 
+    if not is_url(folder):
+        outputs.make_folders(folder)
     cache = Cache(folder)
-    cache.open()
     with solutions_in(Solutions(cache)):
         yield
     say_findings([], cache.warnings)

@@ -85,9 +85,7 @@ class SavedBake:
             replace=True,  # the editor too shows the original of a baked asset
             jobs=jobs,
         )
-        cache = Cache(self.cache)
-        cache.open()
-        with solutions_in(Solutions(cache)):
+        with solutions_in(Solutions(Cache(self.cache))):
             report = bake(self.asset, self.tools, self.out, options, progress=progress)
         return "\n".join((f"{self.out}: {report.summary}", *report.warnings))
 
