@@ -114,7 +114,11 @@ def _above_0(value: float | None) -> float | None:
 )
 @opt.valued("--focus", metavar="X,Y,Z", read=_point, text="Look at this point. Default: the wrinkles, or all.")
 @opt.valued("--radius", type=float, read=_above_0, metavar="R", text="See this far around it, scene units.")
-@opt.flag("--follow", text="The camera moves with what it looks at; a --focus is then a point of the stored pose.")
+@opt.flag(
+    "--follow",
+    text="The camera moves with what it looks at, as it does with a body that goes further than its own size; a --focus"
+    " is then a point of the stored pose.",
+)
 @opt.valued(
     "--size",
     metavar="WxH",

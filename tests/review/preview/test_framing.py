@@ -59,17 +59,17 @@ def test_a_camera_that_follows_looks_at_the_middle_of_what_it_sees(tmp_path: Pat
         assert camera.centre == pytest.approx(middle, abs=1e-9)
 
 
-def walking(folder: Path) -> Path:
+def walking(folder: Path, distance: float = 5.0) -> Path:
     asset = limb_asset(rings=9, sides=12, root={"translation": [0.0, 0.0, 0.0]}, clip=None)
     animation: Json = {"name": "walk"}
-    asset.channel(animation, 3, "translation", [0.0, 1.0], [[0.0, 0.0, 0.0], [5.0, 0.0, 2.0]])
+    asset.channel(animation, 3, "translation", [0.0, 1.0], [[0.0, 0.0, 0.0], [distance, 0.0, 0.4 * distance]])
     asset.append("animations", animation)
     return asset.write(folder / "walking.glb")
 
 
 @pytest.mark.parametrize("focus", [None, (0.5, 0.25, 0.0)])
 def test_a_camera_that_follows_sees_a_walker_stand_still(tmp_path: Path, focus: tuple[float, ...] | None) -> None:
-    path = walking(tmp_path)
+    path = walking(tmp_path, 5.0 if focus else 0.8)
     shots = []
     for follow in (True, False):
         options: Json = {"radius": 0.4} if focus else {}
@@ -91,3 +91,15 @@ def test_a_camera_that_follows_sees_a_walker_stand_still(tmp_path: Path, focus: 
     assert np.abs(first - second).max() <= 3
     assert np.abs(fixed - gone).max() > 50
     assert covered(first.astype(np.uint8)).sum() > 300
+
+
+@pytest.mark.parametrize(
+    ("distance", "options", "follows"), [(0.8, {}, False), (3.0, {}, True), (3.0, {"grid": True}, False)]
+)
+def test_a_camera_follows_by_itself_what_goes_further_than_its_size(
+    distance: float, options: Json, follows: bool, tmp_path: Path
+) -> None:
+    moments = [Moment("walk", time) for time in (0.0, 1.0)]
+    _, view = view_of(walking(tmp_path, distance), moments, views=["front"], **options)
+    first, second = (camera.centre for camera in view.cameras)
+    assert (second - first).tolist() == pytest.approx([distance, 0.0, 0.4 * distance] if follows else [0.0] * 3)

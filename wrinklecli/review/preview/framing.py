@@ -84,13 +84,16 @@ def plan_views(
         AssetError: There is nothing to see, or `FACING` was asked for and there are no wrinkles.
     """
     wrinkles = _wrinkles(assets, moments)
-    bounds, centres = [], np.zeros((len(moments), 3))
+    bounds, middles, boxes = [], list[Floats](), list[Floats]()
     for number, moment in enumerate(moments):
-        points, middle = _points_to_frame(assets, moment, None if options.grid else wrinkles)
+        points, middle, box = _points_to_frame(assets, moment, None if options.grid else wrinkles)
         bounds.append(np.concatenate([points, *further[number : number + 1]]))
-        if options.follow:
-            centres[number] = middle
+        middles.append(middle)
+        boxes.append(box)
         progress("posing", number + 1, len(moments))
+    centres = np.zeros((len(moments), 3))
+    if options.follow or (options.focus is None and not options.grid and _travels(np.array(boxes))):
+        centres[:] = middles
     if options.focus is not None:
         centres[:] = options.focus
         if options.follow:
@@ -142,14 +145,26 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
     return _Wrinkles(masks, most if greatest > 0 else None)
 
 
-def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None) -> tuple[Floats, Floats]:
-    """(points, 3) that bound the part that the wrinkles move at a moment, or everything; and its (3,) middle."""
-    points = [np.zeros((0, 3))]
+def _travels(boxes: Floats) -> bool:
+    """True if the middle of (moments, 2, 3) boxes goes further than the largest of them is, so that all look small."""
+    return bool(np.ptp(boxes.mean(axis=1), axis=0).max() > np.ptp(boxes, axis=1).max())
+
+
+def _points_to_frame(
+    assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wrinkles | None
+) -> tuple[Floats, Floats, Floats]:
+    """(points, 3) that bound the part that the wrinkles move at a moment, or everything; and its (3,) middle.
+
+    The third are the (2, 3) least and greatest coordinates of everything.
+    """
+    points, corners = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for number, asset in enumerate(assets):
         for shown, posed in asset.posed(moment):
             positions, triangles = posed.positions[0], posed.triangles
             used = np.zeros(len(positions), bool)
             used[triangles] = True
+            if used.any():
+                corners += [positions[used].min(axis=0, keepdims=True), positions[used].max(axis=0, keepdims=True)]
             if wrinkles is not None and wrinkles.most is not None:
                 used &= wrinkles.masks[number][shown.number]
                 # Of a vertex that moves alone one sees the triangles around it.
@@ -159,7 +174,9 @@ def _points_to_frame(assets: Sequence[ShownAsset], moment: Moment, wrinkles: _Wr
     found = np.concatenate(points)
     if not len(found):
         raise nothing_to_see(assets[0].document, points=False)
-    return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2
+    every = np.concatenate(corners)
+    box = np.stack([every.min(axis=0), every.max(axis=0)])
+    return _bounds(found), (found.min(axis=0) + found.max(axis=0)) / 2, box
 
 
 def _bounds(points: Floats) -> Floats:

@@ -58,7 +58,8 @@ class PreviewOptions:
         views: Names of `VIEWS`, `facing` (the wrinkles' side) or azimuth:elevation in degrees.
         focus: (3,) point to look at, world space; if None, the wrinkles, or all if there are none.
         radius: Distance around that point that the camera sees, scene units.
-        follow: Move the camera with the wrinkles, or with the skin that is at `focus` in the stored pose.
+        follow: Move the camera with the wrinkles, or with the skin that is at `focus` in the stored pose. Without a
+            focus it moves with a body that goes further than its own size anyway.
         size: Width and height of each picture, pixels; if None, the kind of picture decides.
         columns: Moments in a row of a sheet.
         labels: One for each asset, or for before and after.
