@@ -80,7 +80,7 @@ class Entry:
     @property
     def lines(self) -> list[str]:
         """Its lines in the file."""
-        first, *others = (f"{key}: {_in_lines(value)}" for key, value in self.values.items())
+        first, *others = (f"{key}: {_in_lines(key, value)}" for key, value in self.values.items())
         return [*(f"  # {each}" for each in self.remarks), f"  - {first}", *(f"    {each}" for each in others), ""]
 
 
@@ -143,11 +143,11 @@ def _refinement_lines(refinement: RefinementSettings) -> list[str]:
     return [f"refinement: {written(found)}   # {', '.join(map(why.__getitem__, found))}", ""] if found else []
 
 
-def _in_lines(value: Any) -> str:
-    """A value in YAML, a list of names in lines that fit."""
+def _in_lines(key: str, value: Any) -> str:
+    """The value of a key in YAML, a list in lines that fit, each below its first entry."""
     if not isinstance(value, list):
         return written(value)
     lines = [""]
     for each in map(written, value):
         lines = [*lines[:-1], f"{lines[-1]}{each}, "] if len(lines[-1] + each) < _LONGEST else [*lines, f"{each}, "]
-    return f"[{(chr(10) + 14 * ' ').join(line.rstrip() for line in lines).rstrip(',')}]"
+    return f"[{(chr(10) + len(f'    {key}: [') * ' ').join(line.rstrip() for line in lines).rstrip(',')}]"
