@@ -262,7 +262,8 @@ class Page:
         tools = self.session.tools()
         if self.chosen not in [tool.name for tool in tools]:
             self.chosen = None
-        state = "not saved yet" if self.session.changed else "saved"
+        kept = "saved" if os.path.lexists(self.session.path) else "no file yet"
+        state = "not saved yet" if self.session.changed else kept
         name = html.escape(os.path.basename(self.session.path))
         self._head.content = (
             f'<div style="padding:4px 12px;overflow-wrap:anywhere"><b>{name}</b>'

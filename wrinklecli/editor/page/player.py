@@ -17,7 +17,8 @@ _REST = "as stored"
 _MIN_SPEED = 0.1  # times the clip's own speed
 _MAX_SPEED = 2.0  # times the clip's own speed
 _SPEED_STEP = 0.05  # times the clip's own speed
-_TIME_STEP = 0.001  # seconds
+_TIME_DIGITS = 3  # decimals of a time, seconds
+_TIME_STEP = 10.0**-_TIME_DIGITS  # seconds
 _CHART_HEIGHT = 110  # pixels
 _TIMELINE_HEIGHT = 40  # pixels of the chart over the time, which hides as much of the view
 _HEADROOM = 1.1  # greatest height on the curve's axis over the tool's greatest height
@@ -117,7 +118,10 @@ class Player:
     def _fit_slider(self) -> None:
         """Let the slider go from the clip's start to its end."""
         clip = self._clips.get(self._clip.value)
-        start, end = (clip.start, clip.end) if clip is not None else (0.0, 0.0)
+        # Rounded, as the page writes both ends.
+        start, end = (
+            round(each, _TIME_DIGITS) for each in ((clip.start, clip.end) if clip is not None else (0.0, 0.0))
+        )
         self._time.min, self._time.max = start, max(end, start + _TIME_STEP)
         self._time.disabled = end <= start
         self._time.value = self.time

@@ -18,7 +18,9 @@ Heard: TypeAlias = Callable[[str, viser.ClientHandle], object]
 """Called with a value that a tab says, and the tab."""
 
 _LINE = "said by the tab"  # title of the hidden line
-_HIDDEN = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}</style>'
+# The line is hidden, and viser's own notes lie below the page's message.
+_STYLE = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}'
+_STYLE += ".mantine-Notifications-root{{top:25vh!important}}</style>"
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
 # A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
@@ -140,7 +142,7 @@ def run_script(page: PageHost, heard: Mapping[str, Heard]) -> None:
     # viser has no place for scripts, but an image that fails runs one.
     gui.add_html(f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">')
     line = gui.add_text(_LINE, "")
-    gui.add_html(_HIDDEN.format(line._impl.uuid))
+    gui.add_html(_STYLE.format(line._impl.uuid))
 
     @line.on_update
     async def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:
