@@ -1810,9 +1810,10 @@ class Tools(bpy.types.Panel):
 
     def _draw_keys(self, tool: Any) -> None:
         box = self.layout.box()
-        line = box.row(align=True)
+        # Two in a row, and names beside fields and not in them, so that a sidebar as wide as Blender's has whole words.
+        edits = box.grid_flow(columns=2, align=True)
         for each in ("rename", "copy", "mirror", "delete"):
-            line.operator(f"wrinkle.{each}")
+            edits.operator(f"wrinkle.{each}")
         try:
             known = keys_of(schema(), kind_of(tool))
         except (OSError, subprocess.CalledProcessError) as error:
@@ -1821,11 +1822,10 @@ class Tools(bpy.types.Panel):
         for key, key_schema in known.items():
             if key in tool:
                 line = box.row(align=True)
+                line.label(text=key)
                 path = f"wrinkle_{key}_choice"
-                if choices(key_schema) and isinstance(tool[key], str) and hasattr(tool, path):
-                    line.prop(tool, path, text=key)
-                else:
-                    line.prop(tool, f'["{key}"]', text=key)
+                chosen = choices(key_schema) and isinstance(tool[key], str) and hasattr(tool, path)
+                line.prop(tool, path if chosen else f'["{key}"]', text="")
                 line.operator("wrinkle.set_key", text="", icon="GREASEPENCIL").key = key
                 line.operator("wrinkle.unset_key", text="", icon="X").key = key
         others = box.column(align=True)
