@@ -4,6 +4,7 @@ A picture shows what one key of the tools file does: its panels differ in that k
 and draws them, on a sheet that this script makes or on a sample. Needs the extra `preview`.
 """
 
+import io
 import json
 import math
 import sys
@@ -24,10 +25,11 @@ HERE = Path(__file__).resolve().parent
 SHEET = (0.10, 0.05)  # metres: half the length along the segment, half the depth
 CORNER = (0.05, 0.04)  # metres, x and z: where `pinch` pulls to
 MOST = 40  # per cent by which `press` shortens the sheet
-PANEL = (248, 124)  # pixels
+WIDE = 964  # pixels of a picture, as of those that `wrinkle preview` draws of two assets
 CUT = 26  # pixels at the top of what the program draws, with its own label
-CAPTION, GUTTER = 20, 4  # pixels above a panel, and between panels
-COLOURS = 40  # in a picture's palette; grey clay needs no more
+CAPTION, GUTTER = 22, 4  # pixels above a panel, and between panels
+FONT = 15.0  # pixels, as in those pictures
+QUALITY = 80  # per cent, of the webp: with less, letters blur
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,9 @@ class Panel:
     wire: bool = False
 
 
+CLOTH = (0.33, 0.44, 0.60)  # linear RGB
+RAKING = (-0.8, 0.5, 0.33)  # light that grazes what faces the camera, so that one sees low relief
+
 # The tool lies on the front edge of the sheet, so the edge shows a section through the middle of the wrinkles.
 CUT_OPEN = Look(
     "sheet",
@@ -111,7 +116,7 @@ FOREHEAD = Look(
     },
 )
 # One tool across the forehead.
-WIDE: Mapping[str, Any] = {
+ACROSS: Mapping[str, Any] = {
     "name": "brow",
     "origin": [0.0, 0.2395, 0.089],
     "target": [0.0, 0.2875, 0.0717],
@@ -204,7 +209,7 @@ PICTURES: dict[str, tuple[Look, list[Panel]]] = {
     "variation": (WHOLE, of_key("variation", (0, 0.3, 1), {"bumps": 5})),
     "seed": (WHOLE, of_key("seed", (1, 2, 3), {"bumps": 5, "variation": 0.7})),
     "branch": (WHOLE, of_key("branch", (0, 1), {"bumps": 6, "seed": 3, "variation": 0.5})),
-    "broken": (FOREHEAD, of_key("broken", (0, 0.5, 1), {**WIDE, "seed": 5, "variation": 0.5, "branch": 0})),
+    "broken": (FOREHEAD, of_key("broken", (0, 0.5, 1), {**ACROSS, "seed": 5, "variation": 0.5, "branch": 0})),
     "bow": (WHOLE, of_key("bow", (-1, 0, 1), {"variation": 0})),
     "max_levels": (COARSE, refined("max_levels", (0, 1, 4), 6)),
     "edges_per_interval": (COARSE, refined("edges_per_interval", (1, 2, 4), 3)),
@@ -251,16 +256,16 @@ def sheet(name: str, columns: int, rows: int) -> Character:
             Clip("pinch", times, weights=np.stack([nothing, times], axis=1)),
             Clip("tap", times, weights=np.stack([tapped, nothing], axis=1)),
         ),
-        colour=(0.6, 0.6, 0.6),
-        material="clay",
+        colour=CLOTH,
+        material="cloth",
         roughness=1.0,
         double_sided=True,
         morphs={"press": pressed, "pinch": pinched},
     )
 
 
-def draw(look: Look, panel: Panel, folder: Path) -> Image.Image:
-    """One panel, without its caption."""
+def draw(look: Look, panel: Panel, folder: Path, size: tuple[int, int]) -> Image.Image:
+    """One panel of a size, without its caption."""
     tool = {"name": "tool", **look.tool, **panel.keys}
     tools, out = folder / "tools.yaml", folder / "panel.png"
     refinement = {**look.refinement, **panel.refinement}
@@ -275,43 +280,47 @@ def draw(look: Look, panel: Panel, folder: Path) -> Image.Image:
         focus=look.focus,
         radius=look.radius,
         follow=True,
-        size=(PANEL[0], PANEL[1] + 2 * CUT),
-        style=Style(clay=True, wire=panel.wire),
+        size=(size[0], size[1] + 2 * CUT),
+        style=Style(wire=panel.wire, key=RAKING),
     )
     made = preview([asset], out, options)
     for warning in made.warnings:
         print(f"{panel.caption}: {warning}")
     with Image.open(out) as picture:
-        return picture.convert("RGB").crop((0, CUT, PANEL[0], CUT + PANEL[1]))
+        return picture.convert("RGB").crop((0, CUT, size[0], CUT + size[1]))
 
 
-def place(number: int, count: int) -> tuple[int, int]:
-    """The corner of one of so many panels: two or four stand in one row, others in rows of three."""
-    row, column = divmod(number, count if count in (2, 4) else 3)
-    return column * (PANEL[0] + GUTTER), row * (PANEL[1] + CAPTION + GUTTER) + CAPTION
+def places(count: int) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """The corners of so many panels, of which two or four stand in one row, others in rows of three; and their size."""
+    columns = count if count in (2, 4) else 3
+    wide = (WIDE + GUTTER) // columns - GUTTER
+    size = wide, wide // 2
+    cells = (divmod(number, columns) for number in range(count))
+    return [(c * (wide + GUTTER), r * (size[1] + CAPTION + GUTTER) + CAPTION) for r, c in cells], size
 
 
 def captioned(panels: list[Panel]) -> Image.Image:
     """A picture that has the captions of its panels alone."""
-    corners = [place(number, len(panels)) for number in range(len(panels))]
-    wide, high = (max(ends) + size for ends, size in zip(zip(*corners, strict=True), PANEL, strict=True))
-    picture = Image.new("RGB", (wide, high), "white")
-    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(13.0)
+    corners, size = places(len(panels))
+    picture = Image.new("RGB", (WIDE, corners[-1][1] + size[1]), "white")
+    pen, font = ImageDraw.Draw(picture), ImageFont.load_default(FONT)
     for panel, (x, y) in zip(panels, corners, strict=True):
         pen.text((x + 4, y - CAPTION + 2), panel.caption, fill=(60, 66, 74), font=font)
     return picture
 
 
-def packed(picture: Image.Image) -> Image.Image:
-    """A picture in few colours, as it is kept."""
-    return picture.quantize(COLOURS, dither=Image.Dither.NONE)
+def packed(picture: Image.Image) -> bytes:
+    """A picture as it is kept."""
+    data = io.BytesIO()
+    picture.save(data, "webp", quality=QUALITY, method=6)
+    return data.getvalue()
 
 
-def table(look: Look, panels: list[Panel], folder: Path) -> Image.Image:
-    """All panels, each below its caption."""
-    picture = captioned(panels)
-    for number, panel in enumerate(panels):
-        picture.paste(draw(look, panel, folder), place(number, len(panels)))
+def table(look: Look, panels: list[Panel], folder: Path) -> bytes:
+    """All panels, each below its caption, as they are kept."""
+    picture, (corners, size) = captioned(panels), places(len(panels))
+    for panel, corner in zip(panels, corners, strict=True):
+        picture.paste(draw(look, panel, folder, size), corner)
     return packed(picture)
 
 
@@ -321,7 +330,7 @@ def main(out: Path, keys: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_sheets(Path(folder))
         for key in keys or PICTURES:
-            table(*PICTURES[key], Path(folder)).save(out / f"key_{key}.png", optimize=True)
+            (out / f"key_{key}.webp").write_bytes(table(*PICTURES[key], Path(folder)))
 
 
 if __name__ == "__main__":
