@@ -1,7 +1,7 @@
 // The turns of joints, and weights along those of one, or of two, in a clip that was baked.
 
 /** Below this a turn has no axis. */
-export const LEAST_SINE = 1e-5;
+const LEAST_SINE = 1e-5;
 /** The sine of half of 10°, and the squared distance below which two turns are the same. */
 const [NEAR, SAME] = [0.0872, 1e-10];
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);

@@ -20,7 +20,7 @@ from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.drive import Drive, StoredDrive, stored_drives
 from wrinklecli.drive.segment import Lengths, Segment
-from wrinklecli.drive.table import LeaningTable, Path, Table, read_table
+from wrinklecli.drive.table import Path, Table, read_table
 from wrinklecli.numeric.arrays import Floats
 
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -170,8 +170,6 @@ JOINT = {"joint": "nan", "parent": "inf", "rest": [0.0, 0.0, 0.0, 1.0], "axis": 
 TURNS = {
     "angles": [0.0, 1.0],
     "weights": [[0.0], [1.0]],
-    "leaning": [{"towards": [0.0, 1.0, 0.0], "weights": [[0.0], [1.0]]}],
-    "null": [1.0],
     "paths": [{"turns": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], "weights": [[0.0], [1.0]]}],
     "targets": ["nan"],
 }
@@ -261,46 +259,14 @@ def test_a_rest_length_is_constant_on_a_rig_without_its_morph_target() -> None:
     assert found.signal.rest_length.morph is None
 
 
-SIDES = np.array([[0.0, 5.0, 0.0], [0.0, -5.0, 0.0], [0.0, 0.0, 5.0], [0.0, 0.0, -5.0]])
-
-
-@given(st.tuples(*[st.floats(-0.6, 0.6)] * 2), st.floats(-2.0, 2.0), st.integers(0, 9))
-def test_turns_about_leaning_axes_are_looked_up_between_the_axis_and_the_sides(
-    slant: tuple[float, float], angle: float, seed: int
-) -> None:
-    numbers = np.random.default_rng(seed)
-    rows, central, *sides = np.array([-1.5, 0.0, 1.5]), *numbers.uniform(0.0, 1.0, (5, 3, 2))
-    table = LeaningTable(Table("angles", rows, central), SIDES, np.stack(sides))
-    along = np.array([1.0, 0.0, 0.0])
-
-    def at(*slants: Any, table: LeaningTable = table) -> Floats:
-        return table.weights(Angles(np.full(len(slants), angle), np.array(slants), np.zeros((len(slants), 3))))
-
-    on_the_axis = Angles(np.array([angle]), np.zeros((1, 3)), np.zeros((1, 3)))
-    wanted = [Table("angles", rows, each).weights(on_the_axis) for each in sides]
-    on_axis = table.central.weights(on_the_axis)
-    assert at(along) == pytest.approx(on_axis)
-    assert at(*(along + side / 25.0 for side in SIDES)) == pytest.approx(np.concatenate(wanted))
-    # They go on as far again, and are held there.
-    beyond = 2.0 * np.concatenate(wanted) - on_axis
-    assert at(*(along + 0.08 * side for side in SIDES)) == pytest.approx(beyond)
-    assert at(*(along + side for side in SIDES)) == pytest.approx(beyond)
-    # Weights below 0 are raised by weights that add up to nothing.
-    raised = replace(table, null=np.array([1.0, 2.0]))
-    (found,), (above,) = at([1.0, *slant]), at([1.0, *slant], table=raised)
-    assert above.min() >= -1e-12
-    assert above - found == pytest.approx((above - found)[0] * np.array([1.0, 2.0]))
-    assert above == pytest.approx(found) or above.min() == pytest.approx(0.0, abs=1e-12)
-
-
 def test_weights_are_those_of_a_clip_at_its_turns_and_those_of_the_table_10_degrees_away() -> None:
     rows = np.array([-1.5, 1.5])
     turns = np.array([[0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [0.5, 0.0, 0.1]])
     path = Path(turns, np.array([[0.0, 0.0], [0.4, 0.1], [0.2, 0.9]]))
-    table = LeaningTable(Table("angles", rows, np.full((2, 2), 0.7)), SIDES, np.full((4, 2, 2), 0.7), paths=(path,))
+    table = Table("angles", rows, np.full((2, 2), 0.7), paths=(path,))
 
     def at(turned: Floats) -> Floats:
-        return table.weights(Angles(np.zeros(len(turned)), np.zeros((len(turned), 3)), turned))
+        return table.weights(Angles(np.zeros(len(turned)), turned))
 
     assert at(turns) == pytest.approx(path.weights, abs=1e-6)
     assert at((turns[:-1] + turns[1:]) / 2) == pytest.approx((path.weights[:-1] + path.weights[1:]) / 2, abs=1e-6)
@@ -316,21 +282,20 @@ def test_weights_along_the_turns_of_two_joints_differ_where_one_of_them_is_turne
     drive = StoredDrive.read(data).on({"nan": 1, "inf": 0}, ())
     assert isinstance(drive.signal, JointAngle)
     assert drive.nodes == {0, 1}
-    assert isinstance(drive.response, LeaningTable)
+    assert isinstance(drive.response, Table)
     turns = np.array([[0.1] * 6, [*[0.1] * 3, *[0.0] * 3]])
-    found = drive.response.weights(Angles(np.zeros(2), np.zeros((2, 3)), turns))
+    found = drive.response.weights(Angles(np.zeros(2), turns))
     assert found[0] == pytest.approx([1.0], abs=1e-6)
     assert found[1] == pytest.approx([0.0], abs=1e-6)
     with pytest.raises(ValueError):  # noqa: PT011
         StoredDrive.read({**data, "paths_with_other": TURNS["paths"]})
 
 
-def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None:
+def test_a_table_of_turns_with_rows_of_clips_is_read_as_it_was_written() -> None:
     prepared = limb(0)
     rows = np.array([[0.0, 0.5], [0.2, 0.1], [1.0, 0.0]])
-    central, sides = Table("angles", np.array([-1.5, 0.0, 1.5]), rows), np.stack([rows, 0.5 * rows] * 2)
     path = Path(np.array([[0.0, 0.0, 0.0], [0.3, 0.2, 0.0], [0.3, 0.2, 0.0]]), rows)
-    table = LeaningTable(central, SIDES, sides, np.array([0.5, 1.0]), (path,))
+    table = Table("angles", np.array([-1.5, 0.0, 1.5]), rows, paths=(path,))
     joint = prepared.rig.names.index("joint_1")
     signal = JointAngle(joint, int(prepared.rig.parents[joint]), np.array([0.0, 0.6, 0.8]), np.array([0.0, 0, 0, 1.0]))
     drive = Drive("", signal, ("a", "b"), table)
@@ -339,16 +304,11 @@ def test_a_table_of_turns_about_leaning_axes_is_read_as_it_was_written() -> None
     for absent in ([{"turns": [[0.0, 0.0, 0.0]], "weights": [[0.0, 0.0]]}], [{"turns": [[0.0, 0.0, 0.0]] * 2}]):
         with pytest.raises((KeyError, ValueError)):
             StoredDrive.read({**data, "paths": absent})
-    # A reader that knows no slants has the weights of turns about the axis.
-    del data["leaning"]
-    old = StoredDrive.read(data).on({"joint_0": 1, "joint_1": 2}, ()).response
-    assert isinstance(old, Table)
-    assert old.table == pytest.approx(rows)
-    with pytest.raises(ValueError):  # noqa: PT011
-        StoredDrive.read({**data, "leaning": [], "null": [1.0, 0.0]})
-    for faulty in ([{"towards": [1.0, 0.0]}], [{"towards": [0.0] * 4, "weights": rows.tolist()}]):
-        with pytest.raises((KeyError, ValueError)):
-            StoredDrive.read({**data, "leaning": faulty})
+    # Keys of older files are ignored.
+    older = {"leaning": [{"towards": [0.0, 5.0, 0.0], "weights": rows.tolist()}], "null": [0.5, 1.0]}
+    found = StoredDrive.read({**data, **older}).on({"joint_0": 1, "joint_1": 2}, ()).response
+    assert isinstance(found, Table)
+    assert found.table == pytest.approx(rows)
 
 
 @given(st.permutations([*EFFECTS]), st.integers(0, len(EFFECTS)))

@@ -116,7 +116,7 @@ def changed(**keys: Any) -> Any:
         changed(rest=[0.0, 0.0, 1.0]),
         changed(axis=[0.0, 1.0]),
         changed(joint="elsewhere"),
-        changed(leaning=[{"towards": [0.0, 1.0, 0.0], "weights": TURNS[0]["weights"]}]),
+        changed(paths=[{"turns": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], "weights": TURNS[0]["weights"][:2]}]),
         changed(gains=[0.0, 0.1, 0.2, 0.3]),
         changed(curve={}),
         changed(angles=None, shortenings=[0.0, 0.2, 0.5, 0.8]),

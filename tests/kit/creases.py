@@ -18,7 +18,7 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     """The fold with at most so many shapes of its sweeps; `further` are fine vertices that cross in clips."""
     found = crossing(fold, further)
     assert found.crosses
-    sweeps = [march_clip(found, *each) for each in (*found.hinge.straight, *found.hinge.leaning)]
-    assert given_up_by(found, sweeps[: len(found.hinge.straight)]) is None
+    sweeps = [march_clip(found, *each, sweep=True) for each in found.hinge.sweeps]
+    assert given_up_by(found, sweeps) is None
     poses = [pose for each in sweeps for pose in each.poses(each.touching)]
     return resolve(found, poses, sweeps, most=most)

@@ -274,7 +274,7 @@ CASES: dict[str, Case] = {
         {"raise_brows": (8, False), "think": (4, False)},
     ),
     "layout_1": Case("a curve, and weights that do not grow", baked_in_layout_1, {"think": (8, False)}),
-    "fold": Case("contact with leaning, paths by two turns, and null", _fold_by_two_turns, {"bend": (12, False)}),
+    "fold": Case("contact with paths by two turns", _fold_by_two_turns, {"bend": (12, False)}),
     "fold_of_one_clip": Case(
         "contact with paths, in a clip that was never baked, about an axis that leans",
         _fold_of_one_clip,

@@ -28,7 +28,7 @@ from wrinklecli.baking.baked_body import read_bodies
 from wrinklecli.baking.track import track
 from wrinklecli.character.clip import KEY_GAP, read_clips
 from wrinklecli.character.rig import read_rig
-from wrinklecli.drive.table import TABLE_ERROR, LeaningTable
+from wrinklecli.drive.table import TABLE_ERROR, Table
 from wrinklecli.effects.sampling import KEYS_SHARE
 from wrinklecli.gltf.document import read_document
 
@@ -164,7 +164,7 @@ def test_the_driver_and_track_look_up_alike() -> None:
     (clip,), (entry,) = read_clips(document), read_bodies(document)
     (stored,) = (each for each in entry.drives if not each.measures_segment)
     fold = stored.on({name: rig.names.index(name) for name in stored.joints}, rig.morph_names)
-    assert isinstance(fold.response, LeaningTable)
+    assert isinstance(fold.response, Table)
     assert fold.response.paths
     driven = drive(body.path, node="limb", clip=clip.name, times=times.tolist(), driver=True)
     shown = np.concatenate([driven[name] for name in fold.targets], axis=1)

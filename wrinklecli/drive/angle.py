@@ -25,14 +25,11 @@ class Angles(NamedTuple):
 
     Attributes:
         rows: (frames,) radians about the axis, by which a table is looked up.
-        slants: (frames, 3) the axis about which the joint is turned, of a length such that its part along the axis of
-            the measurement is 1; 0 while it has no part along it, as at rest.
-        turns: (frames, 3) that axis, as long as the sine of half of the angle about it: 0 at rest, 1 at 180°; or
-            (frames, 6) with that of another joint behind it.
+        turns: (frames, 3) the axis about which the joint is turned, as long as the sine of half of the angle about it:
+            0 at rest, 1 at 180°; or (frames, 6) with that of another joint behind it.
     """
 
     rows: Floats
-    slants: Floats
     turns: Floats
 
     @property
@@ -114,10 +111,7 @@ class JointAngle:
         Source: the swing-twist decomposition of quaternions: the turn about the axis is the twist; v is along the whole
         turn's.
         """
-        along = self.axis @ sines
-        turned_along = np.abs(along) > _LEAST_SINE
-        slants = np.where(turned_along, sines / np.where(turned_along, along, 1.0), 0.0).T
-        return Angles(np.asarray(2.0 * np.arctan2(along, cosines)), slants, halves)
+        return Angles(np.asarray(2.0 * np.arctan2(self.axis @ sines, cosines)), halves)
 
     def to_json(self, names: Sequence[str]) -> Json:
         """The signal as extras store it, by the names of all nodes; a joint without an axis is another's."""

@@ -25,10 +25,8 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
   its `lows` it is the weight of the further one.
 - The response has rows of `weights`, linear between them, at `shortenings`, 1 - distance / rest length, or `angles`.
   Weights at shortenings grow with the rest length: they are those of the rows times the length now / `rest_length`.
-  Angles may have further rows of weights, `leaning`, for turns about other axes: the share of each is its `towards` · s
-  / (`axis` · s), at least 0, in the sum 2 at most; the rest of 1 is the share of `weights`. Weights below 0 are raised
-  by a multiple of `null`. Rows of clips, `paths`, are by the whole turn of the joint, and where another joint folds the
-  surface, too, by its turn as well: see `LeaningTable`.
+  Besides angles there may be rows of clips, `paths`, by the whole turn of the joint, and where another joint folds the
+  surface, too, by its turn as well: see `Path`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
 - A field has `turns`, joint angles, each with its own rows of weights; its targets are theirs, in their order.
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.

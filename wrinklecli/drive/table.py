@@ -31,9 +31,7 @@ greatest weight of a muscle, and to 1/256 where heights start like a square root
 _TABLE_DIGITS = 5
 # Significant digits of a muscle's table: two factors make a weight.
 _BELLY_DIGITS = 6
-# Sum of the shares of sides beyond which weights are held: joints of common rigs lean by up to 20°, and sweeps by 10°.
-_FARTHEST = 2.0
-# Sine of half of 10°: turns that are further from those of a clip than sweeps are from each other are not like them.
+# Sine of half of 10°: turns that are further than this from those of a clip are not like them.
 _NEAR = 0.0872
 # Squared distance of turns below which they are the same: rounding of float32 rotations.
 _SAME = 1e-10
@@ -111,6 +109,40 @@ class Response(Weights, Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Weights along the turns of a joint in a clip, linear between rows.
+
+    Attributes:
+        turns: (rows, 3 or 6) turns as `Angles` has them, at least two.
+        weights: (rows, targets).
+    """
+
+    turns: Floats
+    weights: Floats
+
+    def near(self, turns: Floats) -> tuple[Floats, Floats]:
+        """(frames, rows - 1) shares of the straight parts at (frames, …) turns, and (frames, targets) sums by these.
+
+        A share is greatest on the part itself, and 0 where it is 10° away.
+        """
+        along, squares = self.projected(turns)
+        shares = np.maximum(_NEAR**2 / np.maximum(squares, _SAME) - 1.0, 0.0)
+        there = (shares * (1.0 - along)) @ self.weights[:-1] + (shares * along) @ self.weights[1:]
+        return shares, there
+
+    def projected(self, turns: Floats) -> tuple[Floats, Floats]:
+        """(frames, rows - 1) places from 0 to 1 on the straight parts next to (frames, …) turns, and squared distances.
+
+        Distances are sines of half of angles.
+        """
+        starts, ways = self.turns[:-1], np.diff(self.turns, axis=0)
+        squares = np.sum(ways**2, axis=1)
+        apart = turns[:, None] - starts
+        along = np.clip(np.sum(apart * ways, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
+        return along, np.asarray(np.sum((apart - along[:, :, None] * ways) ** 2, axis=2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Table:
     """Weights against one number.
 
@@ -119,27 +151,39 @@ class Table:
         rows: (rows,) numbers, sorted.
         table: (rows, targets) weights, linear between rows, constant beyond.
         grows: True if weights grow with the rest length; False in layout 1.
+        paths: Weights in clips by a joint's whole turn; these count the more, the nearer a turn is to one there.
     """
 
     by: Literal["shortenings", "angles"]
     rows: Floats
     table: Floats
     grows: bool = True
+    paths: tuple[Path, ...] = ()
 
     def weights(self, reading: Reading) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
-        factors = reading.factors if self.grows else 1.0
-        found = (interpolated(reading.rows, self.rows, self.table).T * factors).T
-        return np.where(reading.active[:, None], found, 0.0)
+        factors, whole = reading.factors if self.grows else 1.0, np.ones(len(reading.rows))
+        found: Floats = (interpolated(reading.rows, self.rows, self.table).T * factors).T
+        for path in self.paths:
+            assert isinstance(reading, Angles)
+            shares, there = path.near(reading.turns)
+            found, whole = found + there, whole + shares.sum(axis=1)
+        return np.where(reading.active[:, None], found / whole[:, None], 0.0)
 
-    def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "Table":
-        """The table with other weights: `change` maps (rows, …) weights to those of other targets, with `null` ones."""
-        assert null is None or (null > 0).all()
-        return replace(self, table=change(self.table))
+    def mapped(self, change: Callable[[Floats], Floats]) -> "Table":
+        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
+        paths = tuple(replace(each, weights=change(each.weights)) for each in self.paths)
+        return replace(self, table=change(self.table), paths=paths)
 
     def to_json(self) -> Json:
         """The rows as extras store them."""
-        return {self.by: stored(self.rows), "weights": stored(self.table, _TABLE_DIGITS)}
+        paths = [{"turns": stored(p.turns), "weights": stored(p.weights, _TABLE_DIGITS)} for p in self.paths]
+        key = _PATHS[max((each.turns.shape[1] for each in self.paths), default=3)]
+        return {
+            self.by: stored(self.rows),
+            "weights": stored(self.table, _TABLE_DIGITS),
+            **({key: paths} if paths else {}),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,94 +224,6 @@ def split(weights: Floats, lows: Floats | None) -> Floats:
     negative = np.flatnonzero(lows)
     below = np.maximum(-weights[:, negative], 0.0) / lows[negative]
     return np.concatenate([np.where(lows > 0, np.maximum(weights, 0.0), weights), below], axis=1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Path:
-    """Weights along the turns of a joint in a clip, linear between rows.
-
-    Attributes:
-        turns: (rows, 3 or 6) turns as `Angles` has them, at least two.
-        weights: (rows, targets).
-    """
-
-    turns: Floats
-    weights: Floats
-
-    def near(self, turns: Floats) -> tuple[Floats, Floats]:
-        """(frames, rows - 1) shares of the straight parts at (frames, …) turns, and (frames, targets) sums by these.
-
-        A share is greatest on the part itself, and 0 where it is 10° away.
-        """
-        along, squares = self.projected(turns)
-        shares = np.maximum(_NEAR**2 / np.maximum(squares, _SAME) - 1.0, 0.0)
-        there = (shares * (1.0 - along)) @ self.weights[:-1] + (shares * along) @ self.weights[1:]
-        return shares, there
-
-    def projected(self, turns: Floats) -> tuple[Floats, Floats]:
-        """(frames, rows - 1) places from 0 to 1 on the straight parts next to (frames, …) turns, and squared distances.
-
-        Distances are sines of half of angles.
-        """
-        starts, ways = self.turns[:-1], np.diff(self.turns, axis=0)
-        squares = np.sum(ways**2, axis=1)
-        apart = turns[:, None] - starts
-        along = np.clip(np.sum(apart * ways, axis=2) / np.where(squares > 0, squares, 1.0), 0.0, 1.0)
-        return along, np.asarray(np.sum((apart - along[:, :, None] * ways) ** 2, axis=2))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LeaningTable:
-    """Weights against the angle of a joint, and against the slant of its turn towards some sides.
-
-    Attributes:
-        central: Weights of turns about the axis itself.
-        towards: (sides, 3) vectors whose products with the slants of turns are 0 for turns about the axis, and 1 for
-            the turns that `tables` hold.
-        tables: (sides, rows, targets) weights, at the rows of `central`.
-        null: (targets,) weights above 0 under which the targets add up to nothing; None for signed weights.
-        paths: Weights in clips, which count more than the tables the nearer a turn is to one in a clip.
-    """
-
-    central: Table
-    towards: Floats
-    tables: Floats
-    null: Floats | None = None
-    paths: tuple[Path, ...] = ()
-
-    def weights(self, reading: Angles) -> Floats:
-        """(frames, targets) weights at the measurements of a joint.
-
-        They change evenly from the axis to the sides, as far again beyond, and are held there. Weights that would be
-        below 0 get as much of the null weights as they need.
-        """
-        shares = np.clip(reading.slants @ self.towards.T, 0.0, _FARTHEST)
-        shares *= _FARTHEST / np.maximum(shares.sum(axis=1), _FARTHEST)[:, None]
-        found: Floats = (1.0 - shares.sum(axis=1))[:, None] * self.central.weights(reading)
-        for share, table in zip(shares.T, self.tables, strict=True):
-            found += share[:, None] * interpolated(reading.rows, self.central.rows, table)
-        if self.null is not None:
-            found -= np.minimum((found / self.null).min(axis=1, initial=0.0), 0.0)[:, None] * self.null
-        whole = np.ones(len(found))
-        for path in self.paths:
-            shares, there = path.near(reading.turns)
-            found, whole = found + there, whole + shares.sum(axis=1)
-        return found / whole[:, None]
-
-    def mapped(self, change: Callable[[Floats], Floats], null: Floats | None = None) -> "LeaningTable":
-        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
-        tables = np.stack([change(each) for each in self.tables])
-        paths = tuple(replace(each, weights=change(each.weights)) for each in self.paths)
-        return replace(self, central=self.central.mapped(change), tables=tables, null=null, paths=paths)
-
-    def to_json(self) -> Json:
-        """The rows as extras store them; players that know no slants read those of turns about the axis alone."""
-        sides = zip(self.towards, self.tables, strict=True)
-        leaning = [{"towards": stored(each), "weights": stored(table, _TABLE_DIGITS)} for each, table in sides]
-        null = {} if self.null is None else {"null": stored(self.null)}
-        paths = [{"turns": stored(p.turns), "weights": stored(p.weights, _TABLE_DIGITS)} for p in self.paths]
-        key = _PATHS[max((each.turns.shape[1] for each in self.paths), default=3)]
-        return {**self.central.to_json(), "leaning": leaning, **null, **({key: paths} if paths else {})}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,7 +270,7 @@ class Curve:
         return {"curve": self.data}
 
 
-def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | LeaningTable | Curve:
+def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Curve:
     """Read the table of so many targets in extras of a layout.
 
     Raises:
@@ -329,17 +285,11 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Le
             raise ValueError
         gains = read_numbers(data["gains"], len(rows))
         return BellyTable(rows, _read_weights(data, len(rows), targets), gains)
-    found = Table(by, rows, _read_weights(data, len(rows), targets), grows=layout > 1)
-    if "leaning" not in data:
-        return found
-    towards = read_numbers([each["towards"] for each in data["leaning"]], -1, 3)
-    tables = [_read_weights(each, len(rows), targets) for each in data["leaning"]]
-    null = read_numbers(data["null"], targets) if "null" in data else None
-    if by != "angles" or (null is not None and not (null > 0).all()):
-        raise ValueError
     numbers = 6 if "other" in data else 3
     paths = tuple(_read_path(each, numbers, targets) for each in data.get(_PATHS[numbers], ()))
-    return LeaningTable(found, towards, np.array(tables).reshape(-1, len(rows), targets), null, paths)
+    if paths and by != "angles":
+        raise ValueError
+    return Table(by, rows, _read_weights(data, len(rows), targets), layout > 1, paths)
 
 
 def _read_path(data: Json, numbers: int, targets: int) -> Path:

@@ -12,7 +12,7 @@ namespace Wrinkles
     sealed class Turning
     {
         /// <summary>Below this a turn has no axis.</summary>
-        public const double LeastSine = 1e-5;
+        const double LeastSine = 1e-5;
         readonly string joint, parent;
         readonly double[][] rest;
 
@@ -49,14 +49,11 @@ namespace Wrinkles
     /// <summary>A fold by the turn of the joint that folds: one whose skin touches and never crosses, or one of a field.</summary>
     sealed class Fold : Drive
     {
-        /// <summary>Shares of `leaning` are held at this sum.</summary>
-        const double Farthest = 2;
         /// <summary>The sine of half of 10°, and the squared distance below which two turns are the same.</summary>
         const double Near = 0.0872, Same = 1e-10;
         readonly Turning own, other;
-        readonly double[] axis, nothing;
-        readonly Rows[] tables;
-        readonly double[][] towards;
+        readonly double[] axis;
+        readonly Rows table;
         // By path, rows of turns, and of weights.
         readonly double[][][] turns, there;
 
@@ -65,10 +62,7 @@ namespace Wrinkles
             own = new Turning(data);
             other = data.TryGetValue("other", out var further) ? new Turning((Json)further) : null;
             axis = Read.Numbers(data["axis"]);
-            var leaning = Read.List(data, "leaning").Cast<Json>().ToList();
-            towards = leaning.Select(each => Read.Numbers(each["towards"])).ToArray();
-            tables = leaning.Prepend(data).Select(each => new Rows(data["angles"], each["weights"])).ToArray();
-            nothing = data.ContainsKey("null") ? Read.Numbers(data["null"]) : null;
+            table = new Rows(data["angles"], data["weights"]);
             // Where another joint folds the surface, too, rows of clips are by the turns of both.
             var paths = Read.List(data, other == null ? "paths" : "paths_with_other").Cast<Json>().ToList();
             turns = paths.Select(each => Read.Rows(each["turns"])).ToArray();
@@ -80,18 +74,7 @@ namespace Wrinkles
         public override double[] Weights(Frame frame, Func<string, double> morph)
         {
             var (sines, cosine, turned) = own.At(frame);
-            var along = V.Dot(axis, sines);
-            var angle = 2 * Math.Atan2(along, cosine);
-            // Turns about axes that lean from this one: the further towards one of these, the more its weights count.
-            var slanted = Math.Abs(along) > Turning.LeastSine ? sines.Select(each => each / along).ToArray() : new double[3];
-            var shares = towards.Select(each => V.Clamp(V.Dot(each, slanted), 0, Farthest)).ToArray();
-            var most = Math.Max(shares.Sum(), Farthest);
-            shares = shares.Select(share => Farthest * share / most).ToArray();
-            var sums = new double[tables[0].Ys[0].Length];
-            for (var j = 0; j < tables.Length; j++)
-                Add(sums, tables[j].At(angle), j > 0 ? shares[j - 1] : 1 - shares.Sum());
-            // No engine needs weights below 0: multiples of `nothing` move nothing.
-            if (nothing != null) Add(sums, nothing, -Math.Min(0, sums.Select((weight, k) => weight / nothing[k]).DefaultIfEmpty().Min()));
+            var sums = table.At(2 * Math.Atan2(V.Dot(axis, sines), cosine));
             var turn = other == null ? turned : turned.Concat(other.At(frame).turned).ToArray();
             var whole = 1.0;
             for (var path = 0; path < turns.Length; path++)

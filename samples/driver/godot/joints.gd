@@ -3,10 +3,9 @@
 
 const Numbers = preload("numbers.gd")
 
-# Of folds: below the first a turn has no axis, and shares of `leaning` are held at the second; the sine of half of 10
-# degrees, and the squared distance below which two turns are the same.
+# Of folds: below the first a turn has no axis; the sine of half of 10 degrees, and the squared distance below which two
+# turns are the same.
 const LEAST_SINE = 1e-5
-const FARTHEST = 2.0
 const NEAR = 0.0872
 const SAME = 1e-10
 # Of flesh: metres per second by which no body changes its speed within a frame, and the same where a clip's time runs
@@ -53,30 +52,8 @@ static func _turned(found):
 
 static func fold(body, data):
 	var found = _turn(body, data)
-	var sines = found[0]
-	var along = Numbers.dot(data["axis"], sines)
-	var angle = 2.0 * atan2(along, found[1])
-	# Turns about axes that lean from this one: the further towards one of these, the more its weights count.
-	var leaning = data.get("leaning", [])
-	var shares = []
-	var most = 0.0
-	for each in leaning:
-		var share = Numbers.dot(each["towards"], sines) / along if abs(along) > LEAST_SINE else 0.0
-		shares.append(Numbers.held(share, 0.0, FARTHEST))
-		most += shares[-1]
-	shares = Numbers.times(FARTHEST / Numbers.larger(most, FARTHEST), shares)
-	var central = 1.0
-	for share in shares:
-		central -= share
-	var sums = Numbers.times(central, Numbers.row(data["angles"], data["weights"], angle))
-	for j in range(leaning.size()):
-		sums = Numbers.sum(sums, Numbers.row(data["angles"], leaning[j]["weights"], angle), shares[j])
-	# No engine needs weights below 0: multiples of `null` move nothing.
-	if data.has("null"):
-		var least = 0.0
-		for k in range(sums.size()):
-			least = Numbers.smaller(least, sums[k] / data["null"][k])
-		sums = Numbers.sum(sums, data["null"], -least)
+	var angle = 2.0 * atan2(Numbers.dot(data["axis"], found[0]), found[1])
+	var sums = Numbers.row(data["angles"], data["weights"], angle)
 	# Where another joint folds the surface, too, rows of clips are by the turns of both.
 	var turn = _turned(found) + (_turned(_turn(body, data["other"])) if data.has("other") else [])
 	var whole = 1.0

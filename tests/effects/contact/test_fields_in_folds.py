@@ -38,7 +38,7 @@ def test_a_fold_is_posed_with_the_field_beneath(plan: MeshPlan) -> None:
     assert fields is not None
     (fold,), (part,) = contact.folds, fields.parts
     assert [each.tool.name for each in fold.patches] == ["hand"]
-    clip, times, _ = fold.hinge.straight[0]
+    clip, times = fold.hinge.sweeps[0]
     positions, matrices = fold.at_height(0.0).posed(clip, times)
     moves = np.zeros((len(times), len(plan.fine.positions), 3))
     moves[:, part.vertices] = part.displacements(plan.fine, plan.rig, clip, times)

@@ -34,7 +34,7 @@ def test_a_fold_is_seen_by_the_solver_as_before(kind: str, tmp_path: Path, golde
             "raised": fold.raised, "pressures": tissue.pressures, "moves": tissue.moves_under(forces[None]),
             "strides": fold.strides(clip, times), "posed": posed, "crossing": fold.crossing(posed[3]),
         }  # fmt: skip
-        sweeps = [[len(times), times[-1], deepest] for _, times, deepest in (*fold.hinge.straight, *fold.hinge.leaning)]
+        sweeps = [[len(times), times[-1]] for _, times in fold.hinge.sweeps]
         sums = {name: summed(np.asarray(each)) for name, each in arrays.items()}
         described.append({**sums, "gaps": tissue.gaps, "radius": fold.radius, "sweeps": sweeps})
     golden(described, f"fold_{kind}.json")

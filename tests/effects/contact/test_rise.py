@@ -21,7 +21,7 @@ def test_wrinkles_rise_evenly_to_their_tallest(keys: dict[str, object]) -> None:
     assert bent_node(patch, rig) is None
     rise = rise_of(patch, rig)
     assert rise is not None
-    ((motion, times, _),) = rise.straight
+    ((motion, times),) = rise.sweeps
     rows = rise.reading(rig, motion, times).rows
     assert rows[0] == pytest.approx(0.0, abs=1e-6)
     assert (np.diff(rows) > 0).all()

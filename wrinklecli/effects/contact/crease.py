@@ -1,9 +1,8 @@
 """Creases: the contact in a fold as few fixed shapes for any clip, solved for the joint's own motion.
 
-The joint sweeps through its range, and four times more with its axis leaning by 10° to a side. A sweep is a clip like
-those of the asset: it is solved, some of its poses are compressed with those of other clips into few shapes, and the
-weights of these are fitted to its solutions, pose by pose. Players look them up by the joint's turn, also in clips that
-were never baked.
+The joint sweeps through its range. A sweep is a clip like those of the asset: it is solved, some of its poses are
+compressed with those of other clips into few shapes, and the weights of these are fitted to its solutions, pose by
+pose. Players look them up by the joint's turn, also in clips that were never baked.
 """
 
 from collections import deque
@@ -11,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, reduce
 from itertools import chain, compress
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.motion import approach
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import JointAngle
-from wrinklecli.drive.table import LeaningTable, Path, Table
+from wrinklecli.drive.table import Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import Fold, Poses
 from wrinklecli.effects.contact.given_up import TORN, GivenUp
@@ -48,6 +47,8 @@ _SHOWN_ERROR = 0.01
 _MOST_ROWS = 32
 # Most clips of which there are rows: a player looks at each row in each frame.
 _MOST_PATHS = 16
+# Move of a vertex in a sweep by contact beyond which it ends, solver's units: a limb is pressed by half of its radius.
+_DEEPEST = 36.0
 # Strides from rest beyond which some pose must settle: a bend of 30°, or about half of a rise.
 _FAR = 7.5
 # Sine of half of the turn below which a joint is in its stored pose: rounding.
@@ -107,7 +108,7 @@ class Crease:
         shapes: (shapes, free, 3) bind space, at weight 1.
         samples: Weights, with the motions and times in which normals are to be right under them.
         largest: Greatest move in the solutions that the shapes are fitted to, scene units.
-        swept: The fits to the sweeps: about the joint's own axis, and then as often for each side to which it leans.
+        swept: The fits to the sweeps.
         paths: Rows of clips in the table.
         other: Another joint that folds the surface, by whose turn these rows are looked up, too.
     """
@@ -132,26 +133,10 @@ class Crease:
         return fold.hinge.reading(fold.rig, clip, times) if signal is None else signal.angles(fold.rig, clip, times)
 
     @cached_property
-    def response(self) -> Table | LeaningTable:
-        """The weights in the sweeps, by the joint's turn, or by the shortening of the tool that rises."""
-        hinge, count = self.fold.hinge, len(self.fold.hinge.straight)
-        (rows, table), *sides = [
-            self._tabulated(self.swept[first : first + count]) for first in range(0, len(self.swept), count)
-        ]
-        # Beyond its last good pose, a leaning sweep differs from the others as there.
-        leaning = [table + interpolated(rows, own, weights - interpolated(own, rows, table)) for own, weights in sides]
-        # Rows between others without weights say nothing.
-        acting = np.pad(np.any([table, *leaning], axis=(0, 2)), 1, constant_values=True)
-        kept = acting[:-2] | acting[1:-1] | acting[2:]
-        if not isinstance(hinge, Hinge):
-            return Table("shortenings", rows[kept], table[kept])
-        central = Table("angles", rows[kept], table[kept])
-        return LeaningTable(central, hinge.towards, np.stack(leaning)[:, kept], paths=self.paths)
-
-    def _tabulated(self, sweeps: "Sequence[Followed]") -> tuple[Floats, Floats]:
-        """(rows,) sorted measurements of good frames of sweeps, both ways, and (rows, shapes) weights for them."""
+    def response(self) -> Table:
+        """The weights in sweeps and clips by the joint's turn, or by the shortening of the tool that rises."""
         rows, table = list[Floats](), list[Floats]()
-        for each in sweeps:
+        for each in self.swept:
             good = np.setdiff1d(np.arange(len(each.times)), sorted(each.faults))
             reading: Any = self.fold.hinge.reading(self.fold.rig, each.clip, each.times[good])
             # A morph target may move the ends beyond the place where they are nearest.
@@ -160,7 +145,12 @@ class Crease:
             rows.append(reading.rows[further])
             table.append((each.weights[good].T / reading.factors).T[further])
         order = np.argsort(np.concatenate(rows))
-        return np.concatenate(rows)[order], np.concatenate(table)[order]
+        weights = np.concatenate(table)[order]
+        # Rows between others without weights say nothing.
+        acting = np.pad(weights.any(axis=1), 1, constant_values=True)
+        kept = acting[:-2] | acting[1:-1] | acting[2:]
+        by: Literal["angles", "shortenings"] = "angles" if isinstance(self.fold.hinge, Hinge) else "shortenings"
+        return Table(by, np.concatenate(rows)[order][kept], weights[kept], paths=self.paths)
 
     @property
     def counting(self) -> Bools:
@@ -263,7 +253,7 @@ class Crease:
         """
         response, weights = self.response, followed.weights
         largest = float(np.max(self._lengths(weights), initial=0.0))
-        if not isinstance(response, LeaningTable) or not largest or len(self.paths) >= _MOST_PATHS:
+        if not isinstance(self.fold.hinge, Hinge) or not largest or len(self.paths) >= _MOST_PATHS:
             return self
         reading = self.reading(followed.clip, followed.times)
         # Nothing touches in the stored pose, whatever further joints do.
@@ -358,12 +348,12 @@ class Followed:
     faults: Mapping[int, str]
 
 
-def march_clip(fold: Fold, clip: Clip, times: Floats, deepest: float | None = None) -> MarchedClip:
+def march_clip(fold: Fold, clip: Clip, times: Floats, *, sweep: bool = False) -> MarchedClip:
     """Solve a clip at (frames,) sorted seconds, near enough to each other for the surface to follow.
 
     If the clip begins folded, or jumps to a pose that is folded at one of the hinges, an approach from rest is solved
-    first. With a `deepest` move of a vertex, solver's units, the clip ends at the first that is deeper, or at a fault:
-    nobody may ever bend the joint further than where a sweep ends.
+    first. A `sweep` ends where contact moves a vertex further than `_DEEPEST`, or at a fault: nobody may ever bend the
+    joint further.
     """
     solutions, faults, count = dict[int, Solution](), dict[int, str](), 0
     for frame, found in enumerate(_in_clip(fold, clip, times)):
@@ -372,7 +362,7 @@ def march_clip(fold: Fold, clip: Clip, times: Floats, deepest: float | None = No
             faults[frame] = found.fault
         elif found.touches:
             solutions[frame] = found
-        if deepest is not None and (found.fault is not None or found.greatest_move > deepest):
+        if sweep and (found.fault is not None or found.greatest_move > _DEEPEST):
             break
     return MarchedClip(clip, times[:count], solutions, faults)
 
@@ -390,7 +380,7 @@ def _in_clip(fold: Fold, clip: Clip, times: Floats) -> Iterator[Solution]:
 
 
 def given_up_by(fold: Fold, sweeps: Sequence[MarchedClip]) -> GivenUp | None:
-    """The reason why a fold is given up, by the sweeps of its joint about its own axis; None if it is not.
+    """The reason why a fold is given up, by the sweeps of its joint; None if it is not.
 
     A sweep has a fault, and none of the poses that touch counts beyond 30°.
     """
@@ -413,7 +403,7 @@ def resolve(
     Args:
         fold: The fold.
         poses: The solved poses.
-        sweeps: The sweeps, about the joint's own axis first.
+        sweeps: The sweeps.
         fewest: Least number of shapes. More are made than `SHAPE_ERROR` asks for if there would be crossings.
         most: Greatest number of shapes, even if crossings remain.
     """

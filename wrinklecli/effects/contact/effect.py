@@ -51,11 +51,6 @@ class NonNegativeBasis:
         return np.asarray(self._full[:, None] * parts)
 
     @property
-    def null(self) -> Floats:
-        """(count + 1,) weights under which the shapes add up to nothing."""
-        return 1.0 / self._full * self.greatest
-
-    @property
     def _full(self) -> Floats:
         """(count + 1,) the signed weights that weights of 1 stand for."""
         return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
@@ -75,7 +70,7 @@ def contact_effect(
     def written(signed: Floats) -> Floats:
         return basis.weights(signed)[:, list(columns)]
 
-    response = crease.response.mapped(written, basis.null[list(columns)])
+    response = crease.response.mapped(written)
     drive = Drive("", signal, names, response) if signal else tool_drive(crease.fold.patches[0], names, response)
     silent = {name: 0.0 for name, error in words.player_errors.items() if error.silent}
     rows = {name: Rows(each.times, written(each.weights)) for name, each in words.followed.items()}

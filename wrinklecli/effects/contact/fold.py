@@ -373,7 +373,7 @@ def find_folds(
 def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
     times = np.linspace(0.0, 1.0, _NEARNESS_POSES)
-    moments = [(each.clip, np.array([time])) for each in fold.hinge.straight for time in times]
+    moments = [(clip, np.array([time])) for clip, _ in fold.hinge.sweeps for time in times]
     boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
     triangles, others, count = [fold.triangles], list[SkinnedMesh](), len(fold.vertices)
     for obstacle in obstacles:

@@ -6,7 +6,6 @@ there are. Not in the paper.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,27 +48,6 @@ solver's steps."""
 # An axis of the joint's own replaces a guess that is nearer than this, radians: riggers orient joints so that knees,
 # elbows and fingers turn about one of their axes, and clips do. The guess is 5 to 15° off on common rigs.
 _OWN_AXIS = np.radians(20.0)
-# Tilts of the axis to four sides, since a clip's joint seldom turns about one axis alone.
-_LEANINGS = np.tan(np.radians(10.0)) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-# Leaning sweeps only add to the others. Their poses are so many times further apart, and they end where they are so
-# many times less deep: deeper ones would ask for more shapes than clips have use for.
-_ROUGHER = 2.0
-DEEPEST = 36.0
-"""A sweep ends where contact moves a vertex this far, solver's units: a limb is pressed by half of its radius."""
-
-
-class Sweep(NamedTuple):
-    """A motion of a fold, as a clip that no file has.
-
-    Attributes:
-        clip: The motion, of a second.
-        times: (poses,) seconds of it.
-        deepest: Move of a vertex by contact, solver's units, beyond which it ends.
-    """
-
-    clip: Clip
-    times: Floats
-    deepest: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,25 +65,11 @@ class Hinge:
     most: float
 
     @property
-    def straight(self) -> list[Sweep]:
-        """The sweeps about the axis, one or both ways."""
-        return self._sweeps(1.0)
-
-    @property
-    def leaning(self) -> list[Sweep]:
-        """The sweeps about an axis that leans to a side, as many for each of the sides."""
-        return [sweep for tilt in _LEANINGS for sweep in self._sweeps(_ROUGHER, tilt)]
-
-    def _sweeps(self, rougher: float, tilt: Floats | None = None) -> list[Sweep]:
-        """The sweeps about an axis with a tilt as `turn` takes it."""
+    def sweeps(self) -> list[tuple[Clip, Floats]]:
+        """The turns one or both ways, each as a clip of a second that no file has, and (poses,) seconds of it."""
         ends = [end for end in (self.least, self.most) if end]
-        ways = [np.linspace(0.0, end, int(np.ceil(abs(end) / (rougher * STRIDE))) + 1) for end in ends]
-        return [Sweep(self.turn(way, tilt=tilt), np.linspace(0.0, 1.0, len(way)), DEEPEST / rougher) for way in ways]
-
-    @property
-    def towards(self) -> Floats:
-        """(sides, 3) vectors whose products with the slants of turns are 1 in the sweeps that lean to that side."""
-        return np.asarray(_LEANINGS @ _across(self.signal.axis) / np.sum(_LEANINGS**2, axis=1)[:, None])
+        ways = [np.linspace(0.0, end, int(np.ceil(abs(end) / STRIDE)) + 1) for end in ends]
+        return [(self.turn(way), np.linspace(0.0, 1.0, len(way))) for way in ways]
 
     def reading(self, rig: Rig, clip: Clip, times: Floats) -> Angles:
         """The measurements at (frames,) seconds of a clip by which weights are looked up."""
@@ -115,15 +79,11 @@ class Hinge:
         """(frames,) angles at (frames,) seconds of a clip, in strides."""
         return np.asarray(self.reading(rig, clip, times).rows / STRIDE)
 
-    def turn(self, angles: Floats, *, tilt: Floats | None = None) -> Clip:
-        """A clip of a second through (keys,) evenly spaced radians from the stored rotation, less than 180° apart.
-
-        The axis leans to two sides by angles whose tangents are (2,) `tilt`.
-        """
-        axis = self.signal.axis if tilt is None else unit(self.signal.axis + tilt @ _across(self.signal.axis))
+    def turn(self, angles: Floats) -> Clip:
+        """A clip of a second through (keys,) evenly spaced radians from the stored rotation, less than 180° apart."""
         times = np.linspace(0.0, 1.0, len(angles))
         greatest = float(np.abs(angles).max()) or 1.0
-        channel = turning(self.signal.node, self.signal.rest, axis, greatest, angles / greatest)
+        channel = turning(self.signal.node, self.signal.rest, self.signal.axis, greatest, angles / greatest)
         return motion_clip("", [replace(channel, times=times)])
 
 
@@ -172,9 +132,3 @@ def _end(hinge: Hinge, most: float, patch: Patch, rig: Rig) -> float:
     ways = [(sign, patch.segment.lengths(rig, hinge.turn(sign * angles), times)[0]) for sign in (1.0, -1.0)]
     sign, lengths = min(ways, key=lambda way: way[1][_EARLY_POSE])
     return float(sign * min(angles[np.argmin(lengths)] + _BEYOND_NEAREST, most))
-
-
-def _across(axis: Floats) -> Floats:
-    """(2, 3) unit vectors across an axis and each other."""
-    first = unit(np.stack(cross(axis, np.eye(3)[np.argmin(np.abs(axis))])))
-    return np.stack([first, np.stack(cross(axis, first))])

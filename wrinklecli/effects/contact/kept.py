@@ -59,8 +59,7 @@ def solution_key(
     def parts(fold: Fold) -> Iterator[Any]:
         yield from (np.searchsorted(every, fold.vertices), fold.triangles, fold.own, fold.border, fold.rest_positions)
         yield from (fold.pivot, [fold.radius, fold.per_clip], fold.crossed)
-        sweeps = [(each.clip, each.times) for each in (*fold.hinge.straight, *fold.hinge.leaning)]
-        for clip, moments in [*sweeps, *((clip, times(clip)) for clip in clips.values())]:
+        for clip, moments in [*fold.hinge.sweeps, *((clip, times(clip)) for clip in clips.values())]:
             yield from (moments, *fold.hinge.reading(fold.rig, clip, moments))
             yield fold.hinge.strides(fold.rig, clip, moments)
             yield from fold.inputs(clip, moments)

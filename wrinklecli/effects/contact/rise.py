@@ -5,7 +5,6 @@ looked up by the tool's own shortening. Not in the paper.
 """
 
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from wrinklecli.character.clip import Clip, sample
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.effects.contact.hinge import DEEPEST, Sweep
 from wrinklecli.effects.wrinkle.bending import own_motions
 from wrinklecli.effects.wrinkle.lookup import looked_up
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -39,13 +37,11 @@ class Rise:
     patch: Patch
     motion: Clip
     rig: Rig
-    # A rise does not lean.
-    leaning: ClassVar[list[Sweep]] = []
 
     @property
-    def straight(self) -> list[Sweep]:
+    def sweeps(self) -> list[tuple[Clip, Floats]]:
         """The rise, as the sweep of a hinge."""
-        return [Sweep(self.motion, _TIMES, DEEPEST)]
+        return [(self.motion, _TIMES)]
 
     def strides(self, rig: Rig, clip: Clip, times: Floats) -> Floats:
         """(frames,) progress at (frames,) seconds of a clip, in strides."""

@@ -1,7 +1,6 @@
 """Contact over clips: each fold is solved once for its joint's own motion, then every clip is marched and followed."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -122,8 +121,7 @@ def _refuse_large(
     needs = []
     for members in systems:
         folds = [fold for fold in members if fold.crosses]
-        sweeps = [sweep for fold in folds for sweep in (*fold.hinge.straight, *fold.hinge.leaning)]
-        frames = longest + sum(len(each.times) for each in sweeps)
+        frames = longest + sum(len(times) for fold in folds for _, times in fold.hinge.sweeps)
         vertices = sum(len(fold.vertices) for fold in folds)
         needs.append((frames * (_VERTEX_BYTES * vertices + _FREE_BYTES * _free_count(members)), frames, folds))
     largest = sorted(needs, key=lambda each: -each[0])[:at_once]
@@ -192,19 +190,18 @@ def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> 
 def _solved_system(members: list[Fold], *, clips: _Clips, jobs: int) -> SolvedSystem:
     """Resolve the folds of a system, and solve and follow the clips.
 
-    The motions of the joints about their own axes are solved first, as these decide whether a fold is given up. Then
-    clips are solved beside the sweeps whose axes lean, as neither needs the other.
+    The motions of the joints are solved before the clips, as these decide whether a fold is given up.
     """
     crossing = [fold for fold in members if fold.crosses]
     # What all processes use is computed once.
     ready = [fold for fold in crossing if unless_degenerate(partial(_collides, fold))]
     given_up = [(fold, GivenUp(DEGENERATE)) for fold in crossing if not any(fold is each for each in ready)]
     shared = [part for fold in ready for part in (fold, fold.tissue)]
-    straight = [partial(march_clip, fold, *sweep) for fold in ready for sweep in fold.hinge.straight]
-    found = iter([*in_processes(call, straight, jobs, shared=shared)])
+    motions = [partial(march_clip, fold, *each, sweep=True) for fold in ready for each in fold.hinge.sweeps]
+    found = iter([*in_processes(call, motions, jobs, shared=shared)])
     sound: list[tuple[Fold, list[MarchedClip]]] = []
     for fold in ready:
-        sweeps = [next(found) for _ in fold.hinge.straight]
+        sweeps = [next(found) for _ in fold.hinge.sweeps]
         reason = given_up_by(fold, sweeps)
         if reason is None:
             sound.append((fold, sweeps))
@@ -218,13 +215,8 @@ def _solved_system(members: list[Fold], *, clips: _Clips, jobs: int) -> SolvedSy
     frames = np.cumsum([len(times) for _, times in system.clips.values()])
     # Clips beyond these are solved again whenever they are asked for.
     kept = [*system.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
-    leaning = [partial(march_clip, fold, *sweep) for fold, _ in sound for sweep in fold.hinge.leaning]
-    # Clips take longest, so they are begun first.
-    work = [*(partial(march_clip, system.fold, *system.clips[number]) for number in kept), *leaning]
-    with closing(in_processes(call, work, jobs, shared=system.shared)) as results:
-        system.kept.update(zip(kept, results, strict=False))
-        for fold, sweeps in sound:
-            sweeps += [next(results) for _ in fold.hinge.leaning]
+    work = [partial(march_clip, system.fold, *system.clips[number]) for number in kept]
+    system.kept.update(zip(kept, in_processes(call, work, jobs, shared=system.shared), strict=True))
     spanned: list[tuple[Crease, dict[int, Followed]]] = []
     for fold, sweeps in sound:
         fit = unless_degenerate(partial(_spanned, fold, sweeps, spanned, system))

@@ -171,8 +171,7 @@ def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tupl
 
 def crossing_in_sweeps(fold: Fold) -> Bools:
     """(vertices,) True for those that cross in a sweep and not at rest, as skinned and wrinkled."""
-    looks = [(each.clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for each in fold.hinge.straight]
-    return _crossing_in(fold, [*looks, *((each.clip, np.ones(1)) for each in fold.hinge.leaning)])
+    return _crossing_in(fold, [(clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for clip, _ in fold.hinge.sweeps])
 
 
 def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:

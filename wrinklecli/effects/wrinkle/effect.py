@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import pose_at
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive, Lowered, Moments, Rows
-from wrinklecli.drive.table import TABLE_ERROR, LeaningTable, Table
+from wrinklecli.drive.table import TABLE_ERROR, Table
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, SamplingOptions, Seen, Target, named_targets
 from wrinklecli.effects.shapes import Sample, make_shapes
 from wrinklecli.effects.wrinkle import report
@@ -155,7 +155,7 @@ def lowered_in_clips(effect: Effect, heights: Mapping[str, Rows]) -> Effect:
     return replace(effect, projected=(vertices, lower))
 
 
-def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table | LeaningTable) -> Drive:
+def tool_drive(patch: Patch, targets: tuple[str, ...], response: Table) -> Drive:
     """A drive by a tool's segment, with its filter and its strengths."""
     strengths = {clip: each / patch.shape_strength for clip, each in patch.tool.clips.items()}
     others = patch.clip_strength(None)
