@@ -92,10 +92,10 @@ class Neighbours:
         for other in self._meeting(node, low, high):
             yield other, self._of(other).seen()
 
-    def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[Floats]:
-        """(triangles, 3, 3) world corners of the same meshes."""
+    def triangles_near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
+        """The same nodes, and (triangles, 3, 3) world corners of their meshes."""
         for other in self._meeting(node, low, high):
-            yield once(self._corners, other, self._of(other).corners)
+            yield other, once(self._corners, other, self._of(other).corners)
 
     def _meeting(self, node: int, low: Floats, high: Floats) -> list[int]:
         """The other nodes that are drawn with a node and whose meshes may reach into a box."""

@@ -5,11 +5,14 @@ libigl has rays, too, but keeps distances in single precision, and misses triang
 Source: T. Möller, B. Trumbore, *Fast, minimum storage ray-triangle intersection*, 1997.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints, cross, dot
-from wrinklecli.numeric.closest import balls
-from wrinklecli.numeric.portions import portions
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot
+from wrinklecli.numeric.cells import Cells
+from wrinklecli.numeric.closest import ROUNDING, balls
+from wrinklecli.numeric.portions import portions, portions_of
 
 
 def ray_distances(starts: Floats, rays: Floats, corners: Floats) -> Floats:
@@ -85,6 +88,54 @@ def ray_hits(starts: Floats, rays: Floats, corners: Floats) -> tuple[Ints, Ints,
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
     numbers, triangles, distances = (np.concatenate(each) for each in zip(*found, strict=True))
     return numbers, triangles, distances
+
+
+def first_hits(
+    starts: Floats,
+    rays: Floats,
+    lengths: Floats,
+    corners: Floats,
+    *,
+    least: float,
+    apart: Callable[[Ints, Ints], Bools] | None = None,
+    most: int | None = None,
+) -> Floats:
+    """(rays,) distances to the first triangle that each ray meets within its length, or farther on; infinite for none.
+
+    Args:
+        starts: (rays, 3), at least one.
+        rays: (rays, 3) unit vectors.
+        lengths: (rays,)
+        corners: (triangles, 3, 3)
+        least: A triangle that is no farther away is not met.
+        apart: Tells for (pairs,) triangles and (pairs,) rays which may meet; all if left out.
+        most: Pairs of a triangle and a ray near by above which only some rays are followed, evenly from the longest on.
+    """
+    found = np.full(len(starts), np.inf)
+    order = np.arange(len(starts))
+    points = starts + 0.5 * lengths[:, None] * rays
+    middles, radii = balls(corners)
+    reaches = radii + 0.5 * float(lengths.max())
+    cells = Cells.of(points)
+    pairs, reached = cells.meeting(middles, reaches)
+    total = int(cells.counts[reached].sum())
+    if most is not None and total > most:
+        order = np.argsort(-lengths, kind="stable")[:: -(-total // most)]
+        cells = Cells.of(points[order])
+        pairs, reached = cells.meeting(middles, reaches)
+    for part in portions_of(4 * cells.counts[reached]):
+        ball, at = np.repeat(pairs[part], cells.counts[reached[part]]), order[cells.numbers_in(reached[part])]
+        # A ray that misses the ball round a triangle does not meet the triangle.
+        away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
+        squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
+        near = squared - along**2 <= radii[ball] ** 2 + ROUNDING * squared
+        ball, at = ball[near], at[near]
+        if apart is not None:
+            there = apart(ball, at)
+            ball, at = ball[there], at[there]
+        distances = ray_distances(starts[at], rays[at], corners[ball])
+        np.minimum.at(found, at, np.where(distances > least, distances, np.inf))
+    return found
 
 
 def near_points(corners: Floats, points: Floats, reach: float) -> Ints:

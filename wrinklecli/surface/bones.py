@@ -158,7 +158,7 @@ def _room(ground: Ground, bone: int, foot: Floats, side: Floats, depth: float) -
     start, ray = turn[:3, :3] @ foot + turn[:3, 3], turn[:3, :3] @ (depth * side)
     ends = np.stack([start, start + ray])
     room = 1.0
-    for corners in ground.neighbours.triangles_near(rig.node, ends.min(axis=0), ends.max(axis=0)):
+    for _, corners in ground.neighbours.triangles_near(rig.node, ends.min(axis=0), ends.max(axis=0)):
         met = distances_along(start, ray, corners)
         room = float(met[met > _INNER].min(initial=room))
     return room * depth

@@ -102,7 +102,7 @@ class Ground:
         rays = self.rest.normals_at(rising) * reaches[rising, None]
         found = []
         others = self.neighbours.near(self.rig.node, *box), self.neighbours.triangles_near(self.rig.node, *box)
-        for (node, points), corners in zip(*others, strict=True):
+        for (node, points), (_, corners) in zip(*others, strict=True):
             # Clothes may have few vertices, and so may the skin: those of both count.
             if node in self.contacts.copies:
                 continue

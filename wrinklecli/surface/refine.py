@@ -26,6 +26,7 @@ from wrinklecli.numeric.arrays import (
     VertexFaces,
     any_of,
     children,
+    components,
     diagonal,
     distinct,
     distinct_values,
@@ -128,6 +129,12 @@ class Refinement:
     def around(self) -> VertexFaces:
         """The triangles of each vertex."""
         return VertexFaces.of(self.triangles, len(self.bind_positions))
+
+    @cached_property
+    def pieces(self) -> Ints:
+        """(vertices,) equal numbers for those of one connected piece of the surface."""
+        a, b, c = self.triangles.T
+        return components(np.stack([np.append(a, a), np.append(b, c)], axis=1), len(self.positions))
 
     @cached_property
     def blended(self) -> Floats:

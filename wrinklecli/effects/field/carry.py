@@ -1,11 +1,7 @@
 """A field on the refined surface: the displacements of its shapes, in bind space."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import Rig
 from wrinklecli.effects.field.attach import UNSEEN, AttachedField
 from wrinklecli.effects.field.heights import NEAR
 from wrinklecli.effects.field.lowering import lowering
@@ -20,6 +16,7 @@ from wrinklecli.numeric.arrays import (
     weighted_quantiles,
 )
 from wrinklecli.numeric.laplacian import Average, Sheet
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
 # Replaces a divisor of 0.
@@ -54,13 +51,11 @@ class Displacements:
     remaining: float
 
 
-def displaced(
-    attached: AttachedField, fine: Refinement, free: Floats, shown: tuple[Rig, Sequence[Clip]] | None = None
-) -> Displacements:
+def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Ground | None = None) -> Displacements:
     """Carry a field to the refined surface, of which tools leave it (fine vertices,) parts from 0 to 1.
 
-    It is lowered where it would be at fault, in bends and in the clips of a rig that are `shown`; in a sketch, for
-    which none are, it is not: lowering takes several times as long as all else.
+    It is lowered below layers over the mesh that is `shown`, and where it would be at fault, in bends and clips. In a
+    sketch, for which none is, it is not: lowering takes several times as long as all else.
     """
     shapes = attached.factors.shapes
     count = len(shapes)

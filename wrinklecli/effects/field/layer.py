@@ -42,14 +42,14 @@ class FieldLayer(BodyLayer[AttachedField]):
 
     @classmethod
     def of(
-        cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]], clips: Sequence[Clip] = ()
+        cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]], ground: Ground | None = None
     ) -> "FieldLayer":
-        """Let the refined surface carry them, each with the number of its region, and look at them in clips."""
+        """Let the refined surface carry them, each with the number of its region, and look at them on the mesh."""
         pairs = list(numbered)
         regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
         free, found = _free(plan), []
         for each in every:
-            made = displaced(each, plan.fine, free, (plan.rig, clips))
+            made = displaced(each, plan.fine, free, ground)
             free = free * (1.0 - made.shares)
             found.append(made)
         deltas, middles = tuple(each.deltas for each in found), tuple(each.middles for each in found)
@@ -107,7 +107,7 @@ class FieldKind(EffectKind[Field, AttachedField]):
 
     def plan(self, plan: MeshPlan, ground: Ground, attached: Sequence[tuple[int, AttachedField]]) -> FieldLayer:
         """Let the refined surface carry the fields."""
-        return FieldLayer.of(plan, attached, ground.clips)
+        return FieldLayer.of(plan, attached, ground)
 
     def driven_by(self, attached: AttachedField, tool: Field) -> AttachedField:
         """The field with the strengths of another entry."""

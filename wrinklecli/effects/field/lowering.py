@@ -5,21 +5,21 @@ an edge that passes through a triangle, in a pose in which the skin alone has fe
 ours, and level it is the skin, so this always has an answer.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.character.rig import Rig
+from wrinklecli.effects.below import losses_below
 from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field.attach import UNSEEN, AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distinct_values, dot, flags_of, runs
 from wrinklecli.numeric.intersections import Crossings, crossing, edges_of
+from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
 # Most poses in which the surface is looked at.
@@ -31,9 +31,7 @@ _MOMENTS, _DIGITS = 25, 3
 _FIRST = 0.25
 
 
-def lowering(
-    attached: AttachedField, shown: tuple[Rig, Sequence[Clip]], fine: Refinement, heights: Floats, ways: Floats
-) -> Floats:
+def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights: Floats, ways: Floats) -> Floats:
     """(shapes, vertices) factors of heights by which hardly anything is at fault in some poses.
 
     The shape that is highest at a place in a pose that shows a fault is lowered first: folds that a deep crease hides
@@ -41,12 +39,12 @@ def lowering(
 
     Args:
         attached: The field.
-        shown: A rig and its clips, in which the surface is looked at, too.
+        ground: The mesh, whose clips the surface is looked at in, too.
         fine: The refined surface.
         heights: (shapes, vertices) of the refined surface at weight 1.
         ways: (vertices, 3) displacements for a height of 1, bind space.
     """
-    matrices, weights = _poses(attached, shown)
+    matrices, weights = _poses(attached, ground)
     influences = fine.influences(matrices.shape[1], np.arange(len(fine.positions))).sparse()
     # Folds that end within less than a wavelength look torn.
     slopes, surface = _Slopes.of(fine, attached.wavelength), _Posed(fine, matrices, ways, influences)
@@ -54,7 +52,8 @@ def lowering(
     looks = list(_turning(surface, raised, slopes))
     if attached.tool.contact is not None:
         looks += _crossing(surface, raised)
-    left, halvings, looked = np.ones(heights.shape), np.zeros(heights.shape), looks
+    halvings, looked = np.zeros(heights.shape), looks
+    left = np.repeat(_below_layers(ground, fine, raised.max(axis=0), ways, slopes), len(heights), axis=0)
     # What is lowered again and again becomes level, so this ends.
     while looked:
         lowered, marked, found = left * heights, np.zeros(heights.shape), []
@@ -80,7 +79,15 @@ def lowering(
     return left
 
 
-def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]]) -> tuple[Floats, Floats]:
+def _below_layers(ground: Ground, fine: Refinement, tallest: Floats, ways: Floats, slopes: "_Slopes") -> Floats:
+    """(1, vertices) factors by which (vertices,) heights stay below the layers over the mesh."""
+    high = np.flatnonzero(tallest)
+    moves = np.einsum("vij,vj->vi", fine.blended_at(fine.rest, high)[:, :, :3], ways[high])
+    losses = losses_below(ground, fine, high, tallest[high] * (moves * fine.rest_normals_at(high)).sum(axis=1))
+    return slopes.below(np.ones((1, len(tallest))), high[losses > 0], 1.0 - losses[losses > 0])
+
+
+def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats]:
     """(poses, joints, 4, 4) matrices and (poses, shapes) weights of clips, greatest weights first, then of sweeps.
 
     Clips are what is seen. They show how far joints turn, and together: between the poses of a sweep a crease may turn
@@ -89,11 +96,10 @@ def _poses(attached: AttachedField, shown: tuple[Rig, Sequence[Clip]]) -> tuple[
     sweeps, factors = attached.sweeps, attached.factors
     matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
     drive = replace(attached.drive, strengths={}, strength=1.0)
-    rig, clips = shown
-    for clip in clips:
+    for clip in ground.clips:
         times = np.linspace(clip.start, clip.end, _MOMENTS)
-        matrices.append(joint_matrices(rig, clip, times))
-        weights.append(drive.weights_in(rig, clip)(times))
+        matrices.append(joint_matrices(ground.rig, clip, times))
+        weights.append(drive.weights_in(ground.rig, clip)(times))
     every = np.concatenate(weights)
     # A clip that goes to and fro has each pose twice.
     own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])

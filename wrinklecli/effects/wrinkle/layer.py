@@ -9,6 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import Lengths
+from wrinklecli.effects.below import losses_below
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions, Seen
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
@@ -16,7 +17,7 @@ from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, curve_dr
 from wrinklecli.effects.wrinkle.attach import attach_tools
 from wrinklecli.effects.wrinkle.bounds import bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry, displacements
-from wrinklecli.effects.wrinkle.creases import creased
+from wrinklecli.effects.wrinkle.creases import creased, faded
 from wrinklecli.effects.wrinkle.demand import demanding
 from wrinklecli.effects.wrinkle.effect import SECTION, WrinkleWords, wrinkle_effect
 from wrinklecli.effects.wrinkle.patch import Patch
@@ -251,7 +252,7 @@ class WrinkleKind(EffectKind[WrinkleTool, Patch]):
 
         def carried(patch: Patch) -> CarriedPatch:
             lowered = creased(carry(patch, plan.fine, ground.contacts.held), plan.fine, plan.rest, plan.rig)
-            return demanding(lowered, plan.fine, plan.rig)
+            return demanding(_below_layers(lowered, ground, plan.fine), plan.fine, plan.rig)
 
         firsts, patches = zip(*attached, strict=True)
         return WrinkleLayer(tuple(BakeError.every(carried, patches)), firsts[0])
@@ -261,6 +262,15 @@ class WrinkleKind(EffectKind[WrinkleTool, Patch]):
         from wrinklecli.effects.wrinkle.lines import lines_of
 
         return lines_of(entry)
+
+
+def _below_layers(carried: CarriedPatch, ground: Ground, fine: Refinement) -> CarriedPatch:
+    """Lower the wrinkles of a tool where they would come through a layer over the mesh."""
+    patch, vertices = carried.patch, carried.vertices
+    losses = losses_below(ground, fine, vertices, patch.curve.greatest_height * carried.magnitudes)
+    if not losses.any():
+        return carried
+    return faded(carried, losses, np.stack(patch.coordinates(fine.rest_positions[vertices]), axis=1))
 
 
 KIND = WrinkleKind()

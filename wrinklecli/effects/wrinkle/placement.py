@@ -10,12 +10,10 @@ from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import LOW, Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, dot
-from wrinklecli.numeric.cells import Cells
-from wrinklecli.numeric.closest import ROUNDING, balls, meets_box
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children
+from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.intersections import zero_lines
-from wrinklecli.numeric.portions import portions_of
-from wrinklecli.numeric.rays import ray_distances
+from wrinklecli.numeric.rays import first_hits
 from wrinklecli.surface.refine import Refinement
 
 # v of the lines along a patch on which layers are counted.
@@ -123,7 +121,8 @@ def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivit
         tall = np.flatnonzero(peaks > LOW * peaks.max(initial=0.0))
         if not len(tall):
             continue
-        vertices, heights, rooms = _rooms(fine, carried.vertices[tall], peaks[tall], way)
+        vertices, heights = carried.vertices[tall], peaks[tall]
+        rooms = _rooms(fine, vertices, heights, way)
         short = np.flatnonzero(rooms < heights)
         if len(short):
             count += len(short)
@@ -134,7 +133,7 @@ def collision(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipActivit
     return None if worst is None else replace(worst, count=count)
 
 
-def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tuple[Ints, Floats, Floats]:
+def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> Floats:
     """Distances from wrinkling vertices at rest to the opposite surface.
 
     Args:
@@ -144,40 +143,19 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> tup
         way: 1 outwards along the normals, -1 inwards.
 
     Returns:
-        (vertices,) vertices checked, a choice if there are very many; their heights; and the room of each, infinite if
-        nothing is within its height.
+        (vertices,) the room of each; infinite if nothing is within its height, and for some if there are very many.
     """
     size = fine.rest_size
     starts, rays = fine.rest_positions[vertices], way * fine.rest_normals_at(vertices)
-    points = starts + 0.5 * heights[:, None] * rays
-    reach = 0.5 * float(heights.max())
-    low, high = points.min(axis=0) - reach - ROUNDING * size, points.max(axis=0) + reach + ROUNDING * size
+    ends = np.concatenate([starts, starts + heights[:, None] * rays])
+    low, high = ends.min(axis=0) - ROUNDING * size, ends.max(axis=0) + ROUNDING * size
     triangles = fine.triangles[meets_box(fine.rest_positions, low, high, fine.triangles)]
+
+    def apart(facets: Ints, at: Ints) -> Bools:
+        return np.asarray((triangles[facets] != vertices[at, None]).all(axis=1))
+
     corners = fine.rest_positions[triangles]
-    middles, radii = balls(corners)
-    cells = Cells.of(points)
-    pairs, reached = cells.meeting(middles, radii + reach)
-    total = int(cells.counts[reached].sum())
-    if total > _MOST_PAIRS:
-        # A choice is enough, the tallest first, since neighbours of a vertex that goes through do so too.
-        kept = np.argsort(-heights, kind="stable")[:: -(-total // _MOST_PAIRS)]
-        vertices, heights = vertices[kept], heights[kept]
-        starts, rays, points = starts[kept], rays[kept], points[kept]
-        cells = Cells.of(points)
-        pairs, reached = cells.meeting(middles, radii + reach)
-    rooms = np.full(len(vertices), np.inf)
-    for part in portions_of(4 * cells.counts[reached]):
-        ball, at = np.repeat(pairs[part], cells.counts[reached[part]]), cells.numbers_in(reached[part])
-        # A ray that misses the ball round a triangle does not meet the triangle.
-        away = [axis[at] - middle[ball] for axis, middle in zip(points.T, middles.T, strict=True)]
-        squared, along = dot(away, away), dot(away, [axis[at] for axis in rays.T])
-        near = squared - along**2 <= radii[ball] ** 2 + ROUNDING * squared
-        ball, at = ball[near], at[near]
-        others = ~np.logical_or.reduce([corner[ball] == vertices[at] for corner in triangles.T])
-        ball, at = ball[others], at[others]
-        distances = ray_distances(starts[at], rays[at], corners[ball])
-        np.minimum.at(rooms, at, np.where(distances > _TOUCHING * size, distances, np.inf))
-    return vertices, heights, rooms
+    return first_hits(starts, rays, heights, corners, least=_TOUCHING * size, apart=apart, most=_MOST_PAIRS)
 
 
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:
