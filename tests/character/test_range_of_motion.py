@@ -202,6 +202,21 @@ def test_the_rest_of_many_joints_is_left_out_and_said() -> None:
     assert not np.allclose(joint_matrices(rig, clip, np.ones(1)), joint_matrices(rig, None, np.ones(1)))
 
 
+def test_joints_that_a_headset_poses_one_by_one_do_not_turn_alone() -> None:
+    """The limb's joints hang on one node beside each other, as those of a WebXR hand; a clip shows how far one goes."""
+    asset = limb_asset(rings=9, sides=4, joints=3)
+    nodes, joints = asset.gltf["nodes"], asset.gltf["skins"][0]["joints"]
+    for joint in joints:
+        nodes[joint].pop("children", None)
+    asset.gltf["scenes"][0]["nodes"] = [0, asset.append("nodes", {"name": "hand", "children": joints})]
+    document = as_document(asset)
+    found = range_of_motion(document, [0])
+    assert not found.clips
+    assert found.summary == "0 motions of nothing; left out: 3 joints with no joint above or below"
+    told = range_of_motion(document, [0], read_clips(document))
+    assert {clip.channels[0].node for clip in told.clips} == {2, 3}
+
+
 def test_skirts_of_a_body_follow_and_do_not_tell_which_way_a_leg_lies() -> None:
     """The limb lies along x. A skirt's bones hang from its thigh, aside and farther out than the knee."""
     asset = limb_asset(rings=16, sides=4, joints=6, clip=None)

@@ -119,8 +119,9 @@ def range_of_motion(
     body's trunk and limbs turn ahead, aside and about the bone as far as people's. Others bend about their own axes
     by 90° and twist by 45°; jaw and eyes bend by 20°, and others of a face by 8°. Joints are left out if they bend
     nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix. On a rig with
-    arms and legs, those of no part of a body are left out, such as a skirt's. If there are more than 100 others, those
-    that bend the least area are. Morph targets named in `driven`, by node, are left out, too.
+    arms and legs, those of no part of a body are left out, such as a skirt's. So are joints with no joint above or
+    below, as on a hand whose joints a headset poses: one alone would tear the skin from the others. If there are more
+    than 100 others, those that bend the least area are. Morph targets named in `driven`, by node, are left out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -135,14 +136,19 @@ def range_of_motion(
     bones = read_bones(document)
     forwards = forwards_of(hierarchy, bones)
     shown = [clip for clip in clips if clip.moves]
-    of_body = [node for node in turnable if _is_of_body(rigs[0], node, bones, shown)]
+    together = _linked(rigs)
+    linked = [node for node in turnable if node in together or _is_shown(rigs[0], node, shown)]
+    of_body = [node for node in linked if _is_of_body(rigs[0], node, bones) or _is_shown(rigs[0], node, shown)]
     joints = sorted(sorted(of_body, key=lambda node: -areas[node])[:_MOST_JOINTS])
     turns = {node: _turns(rigs[0], node, bones, forwards, shown, moved > 0) for node in joints}
     made = [each for node in joints for each in _motions(rigs[0], node, turns[node])]
     made += [(name, [raising(rig, dict.fromkeys(numbers, 1.0)) for rig, numbers in moving[name]]) for name in morphs]
     left_out = [
         counted(len(of_body) - len(joints), "joint") + " that bend less" if len(of_body) > len(joints) else "",
-        counted(len(turnable) - len(of_body), "joint") + " beside the body" if len(turnable) > len(of_body) else "",
+        counted(len(linked) - len(of_body), "joint") + " beside the body" if len(linked) > len(of_body) else "",
+        counted(len(turnable) - len(linked), "joint") + " with no joint above or below"
+        if len(turnable) > len(linked)
+        else "",
         counted(len(bending) - len(turnable), "joint") + " stored as a matrix" if len(bending) > len(turnable) else "",
         counted(len(moving) - len(morphs), "morph target") if len(moving) > len(morphs) else "",
     ]
@@ -189,12 +195,22 @@ def _named(made: Sequence[tuple[str, Sequence[Channel]]], taken: set[str], first
         yield motion_clip(name, channels, index=index)
 
 
-def _is_of_body(rig: Rig, node: int, bones: Bones, clips: Sequence[Clip]) -> bool:
-    """True if a joint moves a part of a body or face, or clips show how far it goes; all do on rigs without limbs."""
+def _linked(rigs: Sequence[Rig]) -> set[int]:
+    """The nodes with a joint above and those with one below in the hierarchy, whatever nodes are between."""
+    joints = {joint for rig in rigs for joint in rig.joints.tolist()}
+    above = {joint: {*rigs[0].upwards(int(rigs[0].parents[joint]))} for joint in joints}
+    return {joint for joint in joints if above[joint] & joints}.union(*above.values())
+
+
+def _is_of_body(rig: Rig, node: int, bones: Bones) -> bool:
+    """True if a joint moves a part of a body or face; all do on rigs without limbs."""
     parts = bones.parts
     on_head = any(parts[above] == "head" for above in rig.upwards(node))
-    if parts[node] is not None or on_head or not {*_LIMBS} <= {*parts}:
-        return True
+    return parts[node] is not None or on_head or not {*_LIMBS} <= {*parts}
+
+
+def _is_shown(rig: Rig, node: int, clips: Sequence[Clip]) -> bool:
+    """True if clips show how far a joint goes."""
     stored = unit_quaternions(rig.locals[node]["rotation"])
     return float(np.abs(_shown_turns(node, stored, clips)).max()) >= TELLING
 

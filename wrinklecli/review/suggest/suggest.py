@@ -191,7 +191,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     elif not nodes:
         reason = f"no mesh deforms: {none_deforms(document)}"
     elif not checked:
-        reason = "it has no clip, no joint that bends a mesh and no morph target: nothing moves"
+        reason = "it has no clip, no morph target and no joint to turn: nothing moves"
     elif not clips:
         reason = "none of its motions folds a limb"
     elif not meshes:
