@@ -53,6 +53,19 @@ def test_a_body_gets_muscles_on_both_sides_that_bake(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_joints_with_a_number_behind_their_side_are_no_mirror_images(tmp_path: Path) -> None:
+    """Sketchfab numbers all nodes, so the other side has another name, and `mirror` would find no joint."""
+    asset = tubes()
+    for number, node in enumerate(asset.gltf["nodes"]):
+        node["name"] = f"{node['name']}_{number:02}"
+    path = asset.write(tmp_path / "tubes.glb")
+    found = wrinklecli.suggest(path, muscles=True, range_of_motion=True, count=4)
+    assert [each.effect.name for each in found.guesses] == ["biceps.L", "biceps.R", "triceps.L", "triceps.R"]
+    (tmp_path / "muscles.yaml").write_text(found.text)
+    assert len(check(path, tmp_path / "muscles.yaml").data["muscles"]) == 4
+
+
+@pytest.mark.slow
 def test_muscles_lie_on_the_sides_of_their_bones(tmp_path: Path) -> None:
     """A biceps and the thigh's quadriceps in front, triceps, hamstrings and calf behind, flexors below."""
     found = wrinklecli.suggest(plumed().write(tmp_path / "tubes.glb"), muscles=True, range_of_motion=True)

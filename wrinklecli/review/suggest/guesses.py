@@ -14,7 +14,7 @@ from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.mirror import exchange_sides, split_side
-from wrinklecli.tools.records import ONE_PERCENT, ToolsFile
+from wrinklecli.tools.records import ONE_PERCENT, EffectTool, JointPoint, ToolsFile
 from wrinklecli.tools.yaml_tree import printable
 
 # Difference of mirrored places over the size of their mesh below which they are mirror images about x = 0.
@@ -78,11 +78,20 @@ def entries_of(guesses: Sequence[Guess], clips: Sequence[Clip], *, fps: float) -
 
 
 def _are_mirrored(one: Guess, other: Guess) -> bool:
-    """True if two guesses are mirror images about x = 0, on meshes of these names."""
-    if one is other or exchange_sides(one.effect.node or "") != (other.effect.node or ""):
+    """True if two guesses are mirror images about x = 0, on nodes that have each other's names.
+
+    A number at the end of a name, as of an export from Sketchfab, has no other side.
+    """
+    if one is other or [exchange_sides(name) for name in _names(one.effect)] != _names(other.effect):
         return False
     size = float(np.ptp(one.ground.rest.positions, axis=0).max())
     return bool(np.abs(one.places * [-1.0, 1.0, 1.0] - other.places).max() < _SYMMETRIC * size)
+
+
+def _names(effect: EffectTool) -> list[str]:
+    """The names of nodes that an effect has, in the order of its keys; empty ones where it leaves them out."""
+    points = [point.joint for point in effect.points if isinstance(point, JointPoint)]
+    return [effect.node or "", getattr(effect, "joint", None) or "", *points]
 
 
 def _greatest_moves(guesses: Sequence[Guess], clips: Sequence[Clip], fps: float) -> dict[str, dict[str, Any]]:
