@@ -148,10 +148,26 @@ def read_ground(
     Raises:
         WrinkleError: The mesh is at fault, or the clip that `rest` names is not there.
     """
-    rig = read_rig(document, node)
+    neighbours = neighbours or Neighbours(document)
+    document, rig = _turnable(document, read_rig(document, node), clips)
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
-    return Ground(document, rig, surface, rest, clips, neighbours or Neighbours(document))
+    return Ground(document, rig, surface, rest, clips, neighbours)
+
+
+def _turnable(document: Document, rig: Rig, clips: Sequence[Clip]) -> tuple[Document, Rig]:
+    """A document and its rig in which effects can turn joints whose matrices are stored whole.
+
+    Clips cannot move these (glTF 2.0 §3.5.3), so a joint that one addresses stays as it is, and as players show it.
+    """
+    addressed = {channel.node for clip in clips for channel in clip.channels}
+    stored = {joint for joint in rig.joints.tolist() if "matrix" in rig.locals[joint]} - addressed
+    if not stored:
+        return document, rig
+    from wrinklecli.character.joined import with_free_nodes  # few files have such joints
+
+    document = with_free_nodes(document, sorted(stored))
+    return document, read_rig(document, rig.node)
 
 
 def _look(document: Document, value: Any) -> Any:

@@ -187,6 +187,19 @@ def test_the_joints_that_a_field_names_fold_it(joints: str | list[str], folding:
     assert (near(field, np.abs(x - 1.0 / 3.0) < 0.1) > 0.5) == (3 in folding)
 
 
+def test_joints_whose_matrices_are_stored_whole_turn_as_others_do() -> None:
+    """As assimp writes them; a clip cannot move these."""
+    asset = tube(clip=None)
+    for joint in asset.gltf["skins"][0]["joints"]:
+        node = asset.gltf["nodes"][joint]
+        matrix = np.eye(4)
+        matrix[3, :3] = node.pop("translation")
+        node["matrix"] = matrix.ravel().tolist()
+    _, found = attached(asset)
+    _, wanted = attached(tube(clip=None))
+    assert found.factors.shapes == pytest.approx(wanted.factors.shapes, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("keys", "line"),
     [
