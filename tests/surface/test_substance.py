@@ -10,10 +10,12 @@ from kit.asset import Array, Asset
 from kit.bakes import place
 from kit.characters import avatar, cotton, denim, dressed, png
 from kit.limb import limb_asset
+from kit.prepared import as_document
+from wrinklecli.character.rig import read_rig
 from wrinklecli.choices import SUBSTANCES
 from wrinklecli.gltf.document import read_document
 from wrinklecli.surface.ground import read_ground
-from wrinklecli.surface.substance import substances_at
+from wrinklecli.surface.substance import is_animal, substances_at
 from wrinklecli.tools.records import ToolsFile
 
 TAN = [0.75, 0.41, 0.26, 1.0]
@@ -99,3 +101,21 @@ def test_the_plain_grey_of_a_palette_says_nothing() -> None:
     """It may be metal's; a picture of grey cloth has shadows."""
     assert kinds_of(limb_of(np.full((64, 64, 3), 0.5))) == ["skin"]
     assert kinds_of(limb_of(cotton(256, (0.5, 0.5, 0.5)))) == ["cloth"]
+
+
+@pytest.mark.parametrize(
+    ("names", "animal"),
+    [
+        (["Bip01-Spine_5", "BN_Tail_01_32", "Bip01-L-Finger0_16"], True),
+        (["body", "wing_1.L", "foot.L"], True),
+        (["J_Bip_C_Hips", "J_Sec_Tail1", "J_Bip_L_Thumb1"], False),
+        (["mixamorig:Spine", "WingLeft", "mixamorig:LeftHandThumb1"], False),
+        (["全ての親", "尾1"], True),
+        (["swinger", "detail", "foot.L"], False),
+    ],
+)
+def test_animals_have_tails_or_wings_and_no_thumbs(names: list[str], animal: bool) -> None:
+    asset = limb_asset(rings=4, sides=3, joints=len(names))
+    for joint, name in zip(asset.gltf["skins"][0]["joints"], names, strict=True):
+        asset.gltf["nodes"][joint]["name"] = name
+    assert is_animal(read_rig(as_document(asset), 0)) == animal
