@@ -1,9 +1,13 @@
 """Solutions that effects look up and keep by what they depend on, in a store that a caller gives."""
 
-from collections.abc import Callable, Iterable, Iterator
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import fields, is_dataclass
 from hashlib import blake2b
+from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -11,6 +15,9 @@ import numpy as np
 from wrinklecli.numeric.arrays import Ints
 
 Solution = TypeVar("Solution")
+
+# Kinds of numbers in stored arrays.
+_NUMBERS = ("<f8", "<i8", "|b1")
 
 
 class Store(Protocol):
@@ -77,8 +84,7 @@ def kept_solution(key: str, read: Callable[[bytes], Solution], *, what: str, mos
 
     Args:
         key: A digest of all that the solution depends on.
-        read: Reads a stored one; raises a LookupError, TypeError, ValueError, OverflowError or RecursionError if it is
-            damaged.
+        read: Reads a stored one; raises an error, as `read_records` does, if it is damaged.
         what: What it is, for messages, such as "a solution of this region".
         most: Bytes of a stored one at most.
     """
@@ -88,7 +94,7 @@ def kept_solution(key: str, read: Callable[[bytes], Solution], *, what: str, mos
         return None
     try:
         return read(data)
-    except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
         store.refuse(key, f"is not {what} ({error})")
         return None
 
@@ -98,3 +104,49 @@ def keep(key: str, written: Callable[[], bytes]) -> None:
     store = _store.get()
     if store is not None:
         store.keep(key, written())
+
+
+def plain(value: Any, numbers: Mapping[int, int] = MappingProxyType({})) -> Any:
+    """A value as JSON has it: records by their fields, and in place of known objects, by their ids, numbers."""
+    if id(value) in numbers:
+        return {"known": numbers[id(value)]}
+    if isinstance(value, np.ndarray):
+        content = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        return {"array": [content.shape, content.dtype.str, b64encode(content.tobytes()).decode()]}
+    if is_dataclass(value):
+        return {type(value).__name__: [plain(getattr(value, each.name), numbers) for each in fields(value)]}
+    if isinstance(value, Mapping):
+        return {"map": [[key, plain(each, numbers)] for key, each in value.items()]}
+    return [plain(each, numbers) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def written_records(solution: Any, known: Sequence[object] = ()) -> bytes:
+    """The bytes of a solution that is made of records, with numbers in place of known objects."""
+    return json.dumps(plain(solution, {id(each): number for number, each in enumerate(known)})).encode()
+
+
+def read_records(data: bytes, kinds: Sequence[type[Any]], known: Sequence[object] = ()) -> Any:
+    """Read a stored solution: a record of the first of some kinds, made of records of all of these.
+
+    Raises:
+        AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none.
+    """
+    records = {each.__name__: each for each in kinds}
+
+    def value(entry: Any) -> Any:
+        if isinstance(entry, list):
+            return tuple(map(value, entry))
+        if not isinstance(entry, dict):
+            return entry
+        ((kind, content),) = [*entry.items()][:1]
+        if kind == "known":
+            return known[content]
+        if kind == "array":
+            shape, numbers, text = content
+            return np.frombuffer(b64decode(text), _NUMBERS[_NUMBERS.index(numbers)]).reshape(shape)
+        return {key: value(each) for key, each in content} if kind == "map" else records[kind](*map(value, content))
+
+    solution = value(json.loads(data))
+    if not isinstance(solution, kinds[0]):
+        raise ValueError("it is another record")
+    return solution

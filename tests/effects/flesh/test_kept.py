@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrinklecli.effects.flesh.kept import _read, _written
+from wrinklecli.effects.flesh.kept import _read
 from wrinklecli.effects.flesh.tissue import Swings
+from wrinklecli.effects.kept import written_records
 from wrinklecli.numeric.elements import Tissue
 
 COUNT = 3
@@ -34,10 +35,10 @@ def solution(**other: Any) -> Swings:
     return Swings(**{**known, **other}, tissue=tissue)
 
 
-def test_a_solution_is_read_as_it_was_written() -> None:
+def test_a_solution_is_read_as_it_waswritten_records() -> None:
     made = solution()
-    data = _written(made)
-    assert _written(_read(data, COUNT)) == data
+    data = written_records(made)
+    assert written_records(_read(data, COUNT)) == data
     found = _read(data, COUNT)
     assert (found.size, found.tissue.size) == (0.25, 0.25)
     for name in ("low", "values", "loads", "speeds"):
@@ -58,18 +59,22 @@ def test_a_solution_is_read_as_it_was_written() -> None:
         {"nodes": np.full((2, 8), -1)},
         {"fixed": np.ones(23, bool)},
         {"stiffnesses": np.ones(3)},
+        {"fixed": np.zeros(24)},
     ],
     ids=lambda other: next(iter(other)),
 )
 def test_numbers_of_no_solution_are_refused(other: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"fit|solution"):
-        _read(_written(solution(**other)), COUNT)
+        _read(written_records(solution(**other)), COUNT)
 
 
 @pytest.mark.parametrize("cut", [0, 1, 8])
 def test_one_that_is_cut_off_or_of_another_count_is_refused(cut: int) -> None:
-    data = _written(solution())
-    with pytest.raises(ValueError, match=r"cut off|fit|head"):
+    data = written_records(solution())
+    with pytest.raises(ValueError, match=r"fit|Expecting|Unterminated"):
         _read(data[: len(data) - cut], COUNT if cut else COUNT + 1)
-    with pytest.raises((ValueError, KeyError)):
+    with pytest.raises((ValueError, LookupError)):
         _read(json.dumps([1]).encode() + b"\nx", COUNT)
+    for forged in (b"[1]", b"{}", data.replace(b'"Tissue"', b'"Swings"'), data.replace(b'"<f8"', b'"|O"')):
+        with pytest.raises((AttributeError, LookupError, TypeError, ValueError)):
+            _read(forged, COUNT)

@@ -6,9 +6,7 @@ poses. What is searched for in poses is kept likewise (`Fold.searched`).
 """
 
 import json
-from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
 from itertools import chain
 from typing import Any
 
@@ -18,7 +16,7 @@ from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.effects.contact.crease import Crease, Followed
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.given_up import GivenUp
-from wrinklecli.effects.kept import digest_of
+from wrinklecli.effects.kept import digest_of, plain, read_records, written_records
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
@@ -40,7 +38,7 @@ class SolvedSystem:
 
 
 # The records in a stored solution.
-_RECORDS = {each.__name__: each for each in (SolvedSystem, GivenUp, Crease, Followed, Clip, Channel)}
+_RECORDS = (SolvedSystem, GivenUp, Crease, Followed, Clip, Channel)
 
 
 def solution_key(
@@ -64,51 +62,22 @@ def solution_key(
             yield fold.hinge.strides(fold.rig, clip, moments)
             yield from fold.inputs(clip, moments)
 
-    name = json.dumps(_plain((members[0].rig, clips, how), {}), default=repr)
+    name = json.dumps(plain((members[0].rig, clips, how)), default=repr)
     return digest_of(chain.from_iterable(map(parts, members)), name)
-
-
-def _plain(value: Any, numbers: Mapping[int, int]) -> Any:
-    """A value as JSON has it: records by their fields, and in place of known objects, by their ids, numbers."""
-    if id(value) in numbers:
-        return {"known": numbers[id(value)]}
-    if isinstance(value, np.ndarray):
-        return {"array": [value.shape, value.dtype.str, b64encode(value.tobytes()).decode()]}
-    if is_dataclass(value):
-        return {type(value).__name__: [_plain(getattr(value, each.name), numbers) for each in fields(value)]}
-    if isinstance(value, Mapping):
-        return {"map": [[key, _plain(each, numbers)] for key, each in value.items()]}
-    return [_plain(each, numbers) for each in value] if isinstance(value, (list, tuple)) else value
 
 
 def written(solved: SolvedSystem, members: Sequence[Fold], clips: Mapping[int, Clip]) -> bytes:
     """The bytes of a solution."""
-    numbers = {id(each): number for number, each in enumerate([*members, *clips.values()])}
-    return json.dumps(_plain(solved, numbers)).encode()
+    return written_records(solved, [*members, *clips.values()])
 
 
 def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> SolvedSystem:
     """Read a stored solution.
 
     Raises:
-        LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds and clips.
+        AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds.
     """
-    known = [*members, *clips.values()]
-
-    def value(entry: Any) -> Any:
-        if isinstance(entry, list):
-            return tuple(map(value, entry))
-        if not isinstance(entry, dict):
-            return entry
-        ((kind, content),) = [*entry.items()][:1]
-        if kind == "known":
-            return known[content]
-        if kind == "array":
-            shape, _, numbers = content
-            return np.frombuffer(b64decode(numbers), "<f8").reshape(shape)
-        return {key: value(each) for key, each in content} if kind == "map" else _RECORDS[kind](*map(value, content))
-
-    solved: SolvedSystem = value(json.loads(data))
+    solved: SolvedSystem = read_records(data, _RECORDS, [*members, *clips.values()])
     found = [fold for fold, _ in (*solved.given_up, *((crease.fold, own) for crease, own in solved.spanned))]
     if {id(each) for each in found} != {id(fold) for fold in members if fold.crosses}:
         raise ValueError("its folds are others")
