@@ -56,10 +56,14 @@ def main(out: Path) -> None:
             print(warning)
         options = PreviewOptions(
             fps=12,
-            views=("-20:40",),
-            focus=(-0.1, 0.02, 0.0),
-            radius=0.095,
-            size=(720, 400),
+            # The light rakes over the skin in front of the finger, whose shadow falls behind it.
+            views=("-150:45",),
+            # The tip of the finger at rest.
+            focus=(AT[0], AT[1] + HIGH, 0.0),
+            radius=0.03,
+            follow=True,
+            size=(560, 360),
+            labels=("a stroke",),
         )
         preview([baked], out, options)
 

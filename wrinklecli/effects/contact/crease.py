@@ -259,11 +259,14 @@ class Crease:
         # Nothing touches in the stored pose, whatever further joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)
-        best, found = float(self._lengths(response.weights(reading) - weights).max(initial=0.0)), self.paths
-        rows = sorted({0, len(kept) - 1})
+        shown = response.weights(reading)
+        errors, found, rows = self._lengths(shown - weights), self.paths, sorted({0, len(kept) - 1})
+        best = float(errors.max())
         while best > _SHOWN_ERROR * largest and 1 < len(rows) <= _MOST_ROWS:
             paths = (*self.paths, Path(reading.turns[rows], kept[rows]))
-            errors = self._lengths(replace(response, paths=paths).weights(reading) - weights)
+            before, shown = shown, replace(response, paths=paths).weights(reading)
+            changed = (shown != before).any(axis=1)
+            errors[changed] = self._lengths((shown - weights)[changed])
             if errors.max() < best:
                 best, found = float(errors.max()), paths
             further = np.setdiff1d(np.arange(len(kept)), rows)

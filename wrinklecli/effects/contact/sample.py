@@ -1,6 +1,6 @@
 """Contact over clips: each fold is solved once for its joint's own motion, then every clip is marched and followed."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
@@ -94,7 +94,7 @@ def resolve_folds(
         chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
         for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):
             made += [_given_up(plan, fold, members, made, given_up, chosen) for fold, given_up in solved.given_up]
-            made += _followed(plan, solved.spanned, chosen, made)
+            made += _followed(plan, solved.spanned, chosen, made, how.jobs)
             done += len(members)
             how.progress("contact", done, len(folds))
     numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
@@ -307,16 +307,19 @@ def _followed(
     spanned: _Spanned,
     clips: _Clips,
     effects: Sequence[Effect],
+    jobs: int,
 ) -> list[Effect]:
     """The effects of folds that are solved together, on top of earlier ones."""
     # Nothing touches where a fold that clips alone cross has no shapes.
     spanned = [(crease, followed) for crease, followed in spanned if len(crease.shapes)]
-    creases, shown = [crease for crease, _ in spanned], dict[int, Shown]()
+    creases, firsts = [crease for crease, _ in spanned], [*spanned[0][1]] if spanned else []
     before = [each.words for each in effects if isinstance(each.words, ContactWords)]
-    for first in spanned[0][1] if spanned else ():
+    work = list[Callable[[], Shown]]()
+    for first in firsts:
         followed = [each[first] for _, each in spanned]
         beside = [each.crease.moves(each.followed[followed[0].clip.name]) for each in before]
-        shown[first] = shown_in(creases, followed, beside)
+        work.append(partial(shown_in, creases, followed, beside))
+    shown = dict(zip(firsts, in_processes(call, work, jobs, shared=clips.every), strict=True))
     made: list[Effect] = []
     heights = _lowered({first: each.heights for first, each in shown.items()}, clips)
     for number, crease in enumerate(creases):

@@ -10,7 +10,6 @@ alone: a set of targets for the whole system would have to follow several joints
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, reduce
-from itertools import chain
 
 import numpy as np
 
@@ -223,12 +222,17 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
 
     Nothing else can cross these, so what is searched for does not depend on it.
     """
-    touched = np.isin(fold.vertices, chosen)[fold.triangles].any(axis=1)
-    near = touched.copy()
-    for positions, _ in chain.from_iterable(fold.poses(*look) for look in looks):
-        corners = [positions.take(each, axis=0) for each in fold.triangles.T]
-        low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
-        near |= ((low <= high[touched].max(axis=0)) & (low[touched].min(axis=0) <= high)).all(axis=1)
+    touched = np.asarray(np.isin(fold.vertices, chosen)[fold.triangles].any(axis=1))
+
+    def coming(poses: Poses) -> Ints:
+        near: Ints = touched.astype(np.intp)
+        for positions, _ in poses:
+            corners = [positions.take(each, axis=0) for each in fold.triangles.T]
+            low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
+            near |= ((low <= high[touched].max(axis=0)) & (low[touched].min(axis=0) <= high)).all(axis=1)
+        return near
+
+    near = fold.searched(looks, len(touched), coming, touched) > 0
     vertices, triangles = np.unique(fold.triangles[near], return_inverse=True)
     own, crossed = fold.own[vertices], fold.crossed[vertices]
     return replace(fold, vertices=fold.vertices[vertices], triangles=triangles.reshape(-1, 3), own=own, crossed=crossed)
