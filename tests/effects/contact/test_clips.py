@@ -18,7 +18,7 @@ from kit.limb import limb_asset, nose, tool, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
-from wrinklecli.effects.contact.crease import march_clip
+from wrinklecli.effects.contact.crease import MarchedClip, march_clip
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.effect import SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
@@ -163,18 +163,41 @@ def test_a_morph_target_may_raise_a_fold_in_clips_of_any_kind() -> None:
 @pytest.mark.slow
 def test_poses_between_solved_ones_are_not_solved_and_cross_nothing(tmp_path: Path) -> None:
     """A clip folds the limb slowly, and back through the same poses."""
-    asset, clip = limb_asset(clip=None, rings=12, sides=8), dict[str, Any](name="slow")
-    asset.channel(clip, 2, "rotation", [0.0, 2.0, 4.0], [turned(each) for each in (0.0, 100.0, 0.0)], "LINEAR")
-    asset.append("animations", clip)
-    tools = write_tools(tmp_path / "tools.yaml", TOOL, **UNREFINED)
-    job = read_job(asset.write(tmp_path / "limb.glb"), tools, BakeOptions())
-    (plan,) = plan_meshes(job)
-    contact = plan.layer(ContactLayer)
-    assert contact is not None
-    marched = march_clip(crossing(contact.folds[0]), job.clips[0], np.linspace(0.0, 4.0, 121))
+    marched = _marched(tmp_path, [0.0, 2.0, 4.0], [turned(each) for each in (0.0, 100.0, 0.0)])
     touching = [marched.solutions[frame] for frame in marched.touching]
     solved = [each for each in touching if each.between is None]
     assert not any(each.crosses_itself for each in touching)
     assert len(touching) > 30
     # On the way back there are none, but where it ends to touch.
     assert len(solved) < len(touching) / 2
+
+
+@pytest.mark.slow
+def test_poses_that_are_alike_share_a_solution(tmp_path: Path) -> None:
+    """A clip holds the limb bent, and shakes it a little about all axes."""
+    shaken = np.random.default_rng(1).normal(0.0, 0.002, (60, 4)) + turned(90.0)
+    times = [0.0, *np.linspace(1.0, 4.0, 60).tolist()]
+    marched = _marched(tmp_path, times, [turned(0.0), *(each / np.linalg.norm(each) for each in shaken)])
+    shared = [found for frame, found in marched.solutions.items() if marched.times[frame] >= 1.0]
+    assert len(shared) == 91
+    assert not any(each.crosses_itself for each in shared)
+    assert sum(each.between is None for each in shared) < 10
+    between = [each.between for each in shared if each.between is not None]
+    assert any(one == two for one, two, _ in between)
+    moves = np.array([each.moved for each in shared])
+    # Nothing pops from frame to frame.
+    apart = np.sqrt(np.sum(np.diff(moves, axis=0) ** 2, axis=2)).max()
+    assert apart < 0.1 * np.sqrt(np.sum(moves**2, axis=2)).max()
+
+
+def _marched(folder: Path, times: Sequence[float], rotations: Sequence[Any]) -> MarchedClip:
+    """A clip of 4 s that turns the limb's joint, solved at 30 frames a second."""
+    asset, clip = limb_asset(clip=None, rings=12, sides=8), dict[str, Any](name="slow")
+    asset.channel(clip, 2, "rotation", times, np.array(rotations), "LINEAR")
+    asset.append("animations", clip)
+    tools = write_tools(folder / "tools.yaml", TOOL, **UNREFINED)
+    job = read_job(asset.write(folder / "limb.glb"), tools, BakeOptions())
+    (plan,) = plan_meshes(job)
+    contact = plan.layer(ContactLayer)
+    assert contact is not None
+    return march_clip(crossing(contact.folds[0]), job.clips[0], np.linspace(0.0, 4.0, 121))

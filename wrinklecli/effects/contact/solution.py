@@ -23,6 +23,9 @@ from wrinklecli.numeric.intersections import widened
 _STEP = STRIDE * REACH_RADII * UNITS
 # The way round by a pose that lies between two others, relative to the straight one.
 _DETOUR = 1.1
+# Length in steps that the straight way counts as at least: poses nearer than an eighth of a step are alike. In a person
+# who stands and talks, each frame differs from all others by less; solutions as near differ by 0.2 solver's units.
+_ALIKE = 0.25
 # Most poses of such a step, for their memory.
 _MOST_AT_ONCE = 32
 # Poses that are skipped together if nothing is near in the last one: 16° of a sweep, or an eighth of a second.
@@ -152,8 +155,9 @@ class March:
     the solution has a fault. A pose that is further from the nearest solved one than such a pose fails, too, and after
     too many steps in vain so does each in which anything is near.
 
-    Poses that lie between two solved ones that are a step apart get a mean of both, unless something would cross, and
-    nothing does in these. Runs of poses are skipped before and after which nothing is near.
+    Poses that lie between two solved ones that are a step apart get a mean of both, and poses that are like a solved
+    one get its solution, unless something would cross, and nothing does in these. Runs of poses are skipped before and
+    after which nothing is near.
 
     Attributes:
         fold: The fold.
@@ -161,7 +165,8 @@ class March:
         reached: The solved poses from which others start.
         spare: Newton steps so far in poses that settle, less those in others.
         fault: The reason why poses that are not solved do not count: that of the last one that was.
-        spans: The pairs of solved poses between which others lie.
+        known: The solved poses in which contact moves something.
+        spans: The pairs of these between which others lie, one twice if they are like it, and how far apart they are.
         count: Number of poses so far.
     """
 
@@ -170,7 +175,8 @@ class March:
     reached: "list[_Reached]" = field(default_factory=list)
     spare: int = 0
     fault: str = UNSETTLED
-    spans: "list[_Span]" = field(default_factory=list)
+    known: "list[_Solved]" = field(default_factory=list)
+    spans: list[tuple[int, int, float]] = field(default_factory=list)
     count: int = 0
 
     @property
@@ -180,35 +186,36 @@ class March:
 
     def through(self, clip: Clip, times: Floats, strides: Floats) -> Iterator[Solution]:
         """Solve the fold at (frames,) seconds of a clip, with (frames, hinges) angles there, in strides."""
-        poses, ahead, last = _poses(self.fold, clip, times), list[SkinnedPose](), None
+        rows, ahead, last, place = self.fold.tissue.rows, list[_Pose](), None, np.zeros(0)
+        moments = enumerate(zip(_poses(self.fold, clip, times), strides, strict=True), self.count)
+        poses = (
+            _Pose(number, posed, np.concatenate([turns, posed.positions[rows].reshape(-1) / _STEP]))
+            for number, (posed, turns) in moments
+        )
         touching = bool(self.reached) and bool(self.reached[-1].state.correction.any())
-        before = self.count
+        self.count += len(times)
         while ahead := [*ahead, *islice(poses, max(_AHEAD - len(ahead), 0))]:
-            if not touching and self.fold.tissue.is_clear(ahead[:_AHEAD][-1].positions):
-                states = [SolverState(posed.positions, posed) for posed in ahead[:_AHEAD]]
+            if not touching and self.fold.tissue.is_clear(ahead[:_AHEAD][-1].posed.positions):
+                states = [SolverState(each.posed.positions, each.posed) for each in ahead[:_AHEAD]]
                 found = [*map(self._solution, states)]
                 self._keep(states[-1], self.reached[-1] if self.reached else None)
             else:
                 ahead += islice(poses, _MOST_AT_ONCE - len(ahead))
-                found = self._solved(ahead, last, strides[max(self.count - before - 1, 0) :])
-            ahead, last, self.count = ahead[len(found) :], found[-1], self.count + len(found)
+                found = self._solved(ahead, last, place)
+            last, place, ahead = found[-1], ahead[len(found) - 1].place, ahead[len(found) :]
             touching = last.fault is not None or last.touches
             yield from found
 
-    def _solved(self, poses: Sequence[SkinnedPose], last: Solution | None, strides: Floats) -> list[Solution]:
-        """Solve the first few of some poses, or those within a step from the last one before.
-
-        The first of (frames, hinges) strides are those of the last one.
-        """
+    def _solved(self, poses: "Sequence[_Pose]", last: Solution | None, place: Floats) -> list[Solution]:
+        """Solve the first few of some poses, or those within a step from the last one before, which has a place."""
         if last is None or not last.touches:
-            return [self._between(posed) or self._solve(posed) for posed in poses[:_AHEAD]]
-        first = self._between(poses[0])
+            return [self._between(each) or self._solve(each) for each in poses[:_AHEAD]]
+        first, begin = self._between(poses[0]), len(self.known) - 1
         if first is not None or last.between is not None:
             return [first or self._solve(poses[0])]
-        moves, rows = list[float](), self.fold.tissue.rows
-        for posed, turns in zip(poses, strides[1:], strict=False):
-            apart = _apart(posed.positions[rows], last.positions[rows])
-            moved = max(apart / _STEP, float(np.abs(turns - strides[0]).max()))
+        moves = list[float]()
+        for each in poses:
+            moved = _apart(each.place, place)
             if moves and moved > 1.0:
                 break
             moves.append(moved)
@@ -216,28 +223,23 @@ class March:
         count = len(moves) - int(np.argmax(moves[::-1]))
         end = self._solve(poses[count - 1])
         if end.touches:
-            length = max(_apart(last.positions[rows], end.positions[rows]), TINY)
-            self.spans.append(_Span(self.count - 1, self.count + count - 1, last, end, length))
-        return [*(self._between(posed) or self._solve(posed) for posed in poses[: count - 1]), end]
+            self.spans.append((begin, len(self.known) - 1, max(moves[count - 1], _ALIKE)))
+        return [*(self._between(each) or self._solve(each) for each in poses[: count - 1]), end]
 
-    def _between(self, posed: SkinnedPose) -> Solution | None:
+    def _between(self, pose: "_Pose") -> Solution | None:
         """The mean of two solutions between which a pose lies; None if there are none, or something would cross."""
-        rows, least, found = self.fold.tissue.rows, _DETOUR, None
-        places = posed.positions[rows]
-        for span in self.spans:
-            before, after = (_apart(places, each.positions[rows]) for each in (span.first, span.second))
-            if before + after < least * span.length:
-                least, found = (before + after) / span.length, (span, before / max(before + after, TINY))
-        if found is None:
+        apart = [_apart(pose.place, each.place) for each in self.known]
+        ways = [(apart[begin] + apart[end]) / length for begin, end, length in self.spans]
+        if min(ways, default=_DETOUR) >= _DETOUR:
             return None
-        span, share = found
-        one, two = span.first, span.second
+        begin, end, _ = self.spans[int(np.argmin(ways))]
+        share, one, two = apart[begin] / max(apart[begin] + apart[end], TINY), self.known[begin], self.known[end]
         between = replace(
-            self._solution(SolverState(posed.positions, posed)),
-            moved=(1.0 - share) * one.moved + share * two.moved,
-            error_weights=np.maximum(one.error_weights, two.error_weights),
-            outward=unit((1.0 - share) * one.outward + share * two.outward),
-            between=(span.begin, span.end, share),
+            self._solution(SolverState(pose.posed.positions, pose.posed)),
+            moved=(1.0 - share) * one.found.moved + share * two.found.moved,
+            error_weights=np.maximum(one.found.error_weights, two.found.error_weights),
+            outward=unit((1.0 - share) * one.found.outward + share * two.found.outward),
+            between=(one.number, two.number, share),
         )
         return None if between.crosses_itself else between
 
@@ -246,8 +248,9 @@ class March:
         if nearest is None or not nearest.stands_for(state):
             self.reached.append(_Reached(replace(state, near=None)))
 
-    def _solve(self, posed: SkinnedPose) -> Solution:
+    def _solve(self, pose: "_Pose") -> Solution:
         """Solve a pose from the nearest solved one."""
+        posed = pose.posed
         apart, nearest = min(
             ((_apart(posed.positions, each.state.posed.positions), each) for each in self.reached),
             key=lambda each: each[0],
@@ -269,7 +272,11 @@ class March:
             self._keep(state, nearest)
         elif nearest is not None:
             nearest.reach = min(nearest.reach, apart)
-        return self._solution(state, None if state.converged else fault)
+        found = self._solution(state, None if state.converged else fault)
+        if found.touches:
+            self.spans.append((len(self.known), len(self.known), _ALIKE))
+            self.known.append(_Solved(pose.number, pose.place, found))
+        return found
 
     def _solution(self, state: SolverState, fault: str | None = None) -> Solution:
         """The solution of a solver's state, in bind space."""
@@ -287,19 +294,26 @@ class March:
 
 
 @dataclass(frozen=True, slots=True)
-class _Span:
-    """Two solved poses, their numbers, and how far apart they are."""
+class _Pose:
+    """A pose, its number, and its place among others: turns in strides, and positions of what may touch in steps."""
 
-    begin: int
-    end: int
-    first: Solution
-    second: Solution
-    length: float
+    number: int
+    posed: SkinnedPose
+    place: Floats
 
 
-def _apart(positions: Floats, others: Floats) -> float:
-    """Greatest distance of (vertices, 3) positions from others, by coordinates."""
-    return float(np.abs(positions - others).max(initial=0.0))
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    """The number of a solved pose, its place, and the solution."""
+
+    number: int
+    place: Floats
+    found: Solution
+
+
+def _apart(places: Floats, others: Floats) -> float:
+    """Greatest distance of numbers from others, such as (vertices, 3) positions by coordinates."""
+    return float(np.abs(places - others).max(initial=0.0))
 
 
 def _error_weights(tissue: Tissue, touching: Bools) -> Floats:
