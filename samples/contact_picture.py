@@ -15,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from _characters import Character, Clip, Joint, to_glb
 from _shapes import Builder, Floats, Ints, smoothstep, spline
+from touch_picture import skin, textured
 from wrinklecli import BakeOptions, PreviewOptions, Style, bake, preview
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.scene_surface import read_scene_surface
@@ -140,7 +141,7 @@ def main(out: Path) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         asset, tools, baked = folder / "arm.glb", folder / "tools.yaml", folder / "baked.glb"
-        asset.write_bytes(to_glb(arm()))
+        asset.write_bytes(textured(to_glb(arm()), skin()))
         for number, contact in enumerate(("off", "resolve")):
             settings = {"version": 1, "refinement": {"max_levels": 2}, "tools": [{**ELBOW, "contact": contact}]}
             tools.write_text(json.dumps(settings), encoding="utf-8")

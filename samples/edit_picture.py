@@ -12,6 +12,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests"))
 
 from kit.browser import browsing  # noqa: E402 (found only then)
+from touch_picture import skin, textured  # noqa: E402
 from wrinklecli.editor.page.page import Page  # noqa: E402
 from wrinklecli.editor.session import Session  # noqa: E402
 
@@ -22,7 +23,8 @@ SETTLED = "document.body?.innerText.includes('no warnings')"
 def main(out: Path) -> None:
     """Draw the picture."""
     with tempfile.TemporaryDirectory() as name:
-        asset = shutil.copy(HERE / "wrist.glb", name)
+        asset = Path(name, "wrist.glb")
+        asset.write_bytes(textured((HERE / asset.name).read_bytes(), skin()))
         tools = shutil.copy(HERE.parent / "configs" / "wrist.yaml", name)
         page = Page(Session(asset, tools))
         try:

@@ -1,7 +1,7 @@
-"""Draws pictures/NAME.png of the samples' bakes, before and after: `python samples/sample_pictures.py NAME [FILE]`.
+"""Draws pictures/NAME.png of the samples' bakes, before and after: `python samples/sample_pictures.py NAME FILE`.
 
 The samples have one plain colour each. For the pictures they are painted: skin with freckles, a face, trunks, denim.
-Needs the extra `preview`, and the bake out/NAME.glb.
+Needs the extra `preview`, and the bake out/NAME.glb. With a FILE that ends in .glb it writes the painted sample alone.
 """
 
 import sys
@@ -88,8 +88,11 @@ def painted(asset: Path, name: str) -> Image.Image:
 
 
 def main(name: str, out: Path) -> None:
-    """Draw the picture of a bake."""
+    """Draw the picture of a bake, or write the painted sample."""
     asset = HERE / f"{name.split('_')[0]}.glb"
+    if out.suffix == ".glb":
+        out.write_bytes(textured(asset.read_bytes(), painted(asset, asset.stem)))
+        return
     clip, time, view, focus, radius = SHOTS[name]
     with tempfile.TemporaryDirectory() as folder:
         image, shown = painted(asset, asset.stem), []
@@ -111,4 +114,4 @@ def main(name: str, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]) if len(sys.argv) > 2 else HERE / "pictures" / f"{sys.argv[1]}.png")
+    main(sys.argv[1], Path(sys.argv[2]))
