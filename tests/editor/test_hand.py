@@ -88,7 +88,7 @@ def test_what_is_no_touch_is_not_held(tmp_path: Path) -> None:
 @pytest.mark.parametrize("slide", [(0.004, 0.003), (-0.006, 0.001), (0.0, -0.008)])
 def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float, float]) -> None:
     session = session_of(tmp_path, bend=20.0)
-    (below,) = session.attached_below().values()
+    (below,) = session.attached().values()
     assert isinstance(below.attached, AttachedTouch)
     drive: TouchDrive = below.attached.drive
     assert drive.places[0].bend[0] == pytest.approx(-10.0, rel=0.1)
@@ -104,7 +104,7 @@ def test_a_ray_meets_curved_skin_where_it_is(tmp_path: Path, slide: tuple[float,
 def test_a_ray_along_the_skin_away_or_from_below_meets_nothing(
     tmp_path: Path, start: tuple[float, ...], way: tuple[float, ...]
 ) -> None:
-    (below,) = session_of(tmp_path).attached_below().values()
+    (below,) = session_of(tmp_path).attached().values()
     assert isinstance(below.attached, AttachedTouch)
     drive, rig = below.attached.drive, below.ground.rig.own
     (middle,), (axes,), _, _ = drive.axes_in(rig, None, np.zeros(1))

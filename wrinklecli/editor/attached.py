@@ -236,8 +236,8 @@ class AttachedTool:
         places = self.ground.rest.positions
         return self.region.share(*self.region.coordinates(places), np.ones(len(places))) - _OUTLINED
 
-    def holds(self, place: Floats) -> bool:
-        """True if a (3,) place at rest is on the tool."""
+    def holds(self, place: Floats, _triangle: int = 0) -> bool:
+        """True if a (3,) place at rest, on a triangle of the coarse mesh, is on the tool."""
         region = self.region.at_rest
         u, v = region.coordinates(place)
         near = abs(float((place - region.path.middle) @ region.path.normal)) < region.span
@@ -288,6 +288,10 @@ class AttachedBelow:
         moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
         return np.asarray(moved / max(float(moved.max(initial=0.0)), TINY) - _OUTLINED)
 
+    def holds(self, _place: Floats, triangle: int) -> bool:
+        """True if a (3,) place at rest, on a triangle of the coarse mesh, is inside the outline."""
+        return bool(self.outlined[triangle])
+
     @property
     def deltas(self) -> Floats:
         """(targets, vertices, 3) displacements at weight 1, bind space."""
@@ -330,6 +334,11 @@ class AttachedTools:
     problems: dict[str, str]
     provisional: bool
 
+    @property
+    def every(self) -> dict[str, AttachedTool | AttachedBelow]:
+        """All effects that fit."""
+        return {**self.tools, **self.below}
+
     def warnings(self, cache: ClipCache, clips: Sequence[Clip], settings: ToolsFile) -> dict[str, list[str]]:
         """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
         found: dict[str, list[str]] = {}
@@ -348,10 +357,9 @@ class AttachedTools:
 
     def greatest_moves(self, cache: ClipCache, clips: Sequence[Clip]) -> dict[str, float]:
         """Measure how far each effect moves the skin at most in any clip, over its length, by name."""
-        every: dict[str, AttachedTool | AttachedBelow] = {**self.tools, **self.below}
         return {
             name: max((float(each.heights(cache, clip)[1].max()) for clip in clips), default=0.0) / each.span
-            for name, each in every.items()
+            for name, each in self.every.items()
         }
 
 

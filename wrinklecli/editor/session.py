@@ -301,7 +301,7 @@ class Session(Edits):
         """
         with self._guarded():
             attached = self._attached()
-            found = attached.tools.get(tool) or attached.below.get(tool)
+            found = attached.every.get(tool)
             if found is None:
                 raise ConfigError(attached.problems.get(tool, "is switched off"), where=tool)
             members = found.region.members if isinstance(found, AttachedTool) else np.flatnonzero(found.outlined)
@@ -375,10 +375,10 @@ class Session(Edits):
         with self._guarded():
             return self._attached().tools
 
-    def attached_below(self) -> Mapping[str, AttachedBelow]:
-        """The muscles and the flesh that fit, with mirrored ones, by name."""
+    def attached(self) -> Mapping[str, AttachedTool | AttachedBelow]:
+        """All effects that fit, with mirrored ones, by name."""
         with self._guarded():
-            return self._attached().below
+            return self._attached().every
 
     def meshes(self, clip: str | None, time: float, *, wait: bool = True, wrinkled: bool = True) -> list[ShownMesh]:
         """All meshes at a time of a clip, or in the stored pose if `clip` is None.
@@ -452,8 +452,7 @@ class Session(Edits):
         None if the tool does not fit, and for a clip of one moment.
         """
         with self._guarded():
-            attached, at = self._attached(), self._clip(clip)
-            found = attached.tools.get(tool) or attached.below.get(tool)
+            found, at = self._attached().every.get(tool), self._clip(clip)
             if found is None or at is None or at.end <= at.start:
                 return None
             return found.heights(self._loaded.cache, at)

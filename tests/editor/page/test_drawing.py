@@ -1,6 +1,8 @@
 """Outlines lie on the surface of their tool, wherever the body moves."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from kit.limb import limb_asset, write_tools
 from kit.places import ROOT
 from kit.touch import plate, touch
 from wrinklecli.character.paints import Opacity, Paint
-from wrinklecli.editor.page.drawing import Body, _bordered, body_of, outline_below, outline_of
+from wrinklecli.editor.page.drawing import Body, _bordered, body_of, outline_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.raised import raised_tool
 from wrinklecli.editor.session import Session
@@ -105,7 +107,7 @@ def test_the_outline_of_a_touch_is_round_on_a_coarse_mesh(refined: bool, tmp_pat
     if refined:
         session.refine()
     (shown,) = session.meshes("drag", 0.0, wait=refined)
-    outline = outline_below(session.attached_below()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
+    outline = outline_of(session.attached()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
     places = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)
     ends = places[outline.segments]
     radii = np.linalg.norm(ends, axis=2)
@@ -123,7 +125,7 @@ def test_the_outline_of_a_touch_at_a_border_is_closed_along_it(tmp_path: Path) -
     )
     session = Session(plate(cells=16).write(tmp_path / "plate.glb"), tmp_path / "tools.yaml")
     (shown,) = session.meshes("drag", 0.0, wait=False)
-    outline = outline_below(session.attached_below()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
+    outline = outline_of(session.attached()["spot"], shown.source, 0, (1.0, 0.0, 0.0))
     ends = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)[outline.segments]
     along = (ends[:, :, 0] > 0.1199).all(axis=1)
     assert along.sum() >= 2
@@ -145,9 +147,10 @@ def test_the_outline_of_a_field_is_the_border_of_what_it_folds(tmp_path: Path) -
 def test_a_field_without_a_border_has_a_place(tmp_path: Path) -> None:
     session = Session(*sleeve_and_field(tmp_path))
     (shown,) = session.meshes("fold", 0.0)
-    outline = _bordered(
-        "folds", -np.ones(len(shown.source.ground.surface.positions)), shown.source, 0, (1.0, 0.0, 0.0), 1.0
+    tool: Any = SimpleNamespace(
+        excess=-np.ones(len(shown.source.ground.surface.positions)), attached=session.attached()["folds"].attached
     )
+    outline = _bordered(tool, shown.source, 0, (1.0, 0.0, 0.0))
     assert not len(outline.segments)
     places = outline.points.positions(Body(shown.faces, ()), shown.source.rest_positions)
     assert np.ptp(places[:, 0]) > 1.8

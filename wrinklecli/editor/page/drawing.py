@@ -156,10 +156,15 @@ def _joined(triangles: Ints, points: Ints, normals: Floats, colours: Floats) -> 
     return used[firsts], numbers[np.searchsorted(used, triangles)]
 
 
-def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]) -> ToolOutline:
-    """Outline a tool on its mesh, the body of a number: the border of its patch, and the line along the middle."""
-    if tool.attached.segment is None:
-        return _bordered(tool.attached.tool.name, tool.excess, mesh, body, colour, tool.attached.bump_width)
+def outline_of(
+    tool: AttachedTool | AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
+) -> ToolOutline:
+    """Outline a tool on its mesh, the body of a number: the border of its patch, and the line along the middle.
+
+    Without a segment it is the border of the skin that moves, and the place by which a touch is dragged.
+    """
+    if isinstance(tool, AttachedBelow) or tool.attached.segment is None:
+        return _bordered(tool, mesh, body, colour)
     region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     around = np.flatnonzero(among(mesh.parents, near))
@@ -194,40 +199,20 @@ def outline_of(tool: AttachedTool, mesh: PlayableMesh, body: int, colour: tuple[
     )
 
 
-def outline_below(
-    below: AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
-) -> ToolOutline:
-    """Outline the skin that a muscle, flesh or a touch moves, on its mesh, the body of a number."""
-    made = _bordered("", below.excess, mesh, body, colour, below.span)
-    if (drag := below.attached.drag) is None:
-        return made
-    triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, drag.at)
-    found, barycentrics = made.points.triangles, made.points.barycentrics
-    points = SurfacePoints(body, np.append(found, triangle), np.concatenate([barycentrics, shares[None]]))
-    return replace(made, points=points, skins=np.array([len(found)]), length=drag.reach)
-
-
 def _bordered(
-    name: str, excess: Floats, mesh: PlayableMesh, body: int, colour: tuple[float, float, float], length: float
+    tool: AttachedTool | AttachedBelow, mesh: PlayableMesh, body: int, colour: tuple[float, float, float]
 ) -> ToolOutline:
-    """The border between (coarse vertices,) values above 0 and below, without points to drag.
-
-    Where all are on one side, there are no lines, and the middles of all triangles say where it is.
-    """
-    found, barycentrics = _border(mesh.smooth(excess), mesh.faces)
-    segments = np.arange(len(found)).reshape(-1, 2)
+    """The border between positive and negative `excess`; where it has one sign, the middles of all triangles."""
+    found, barycentrics = _border(mesh.smooth(tool.excess), mesh.faces)
+    segments, none, drag = np.arange(len(found)).reshape(-1, 2), np.zeros(0, np.intp), tool.attached.drag
     if not len(found):
         found, barycentrics = np.arange(len(mesh.faces)), np.full((len(mesh.faces), 3), 1.0 / 3.0)
-    return ToolOutline(
-        name=name,
-        colour=colour,
-        points=SurfacePoints(body, found, barycentrics),
-        segments=segments,
-        anchors=np.zeros(0, np.intp),
-        edges=np.zeros(0, np.intp),
-        skins=np.zeros(0, np.intp),
-        length=length,
-    )
+    skins = none if drag is None else np.array([len(found)])
+    if drag is not None:
+        triangle, shares, _ = closest_point(mesh.rest_positions, mesh.faces, drag.at)
+        found, barycentrics = np.append(found, triangle), np.concatenate([barycentrics, shares[None]])
+    points, length = SurfacePoints(body, found, barycentrics), tool.attached.bump_width if drag is None else drag.reach
+    return ToolOutline(tool.attached.tool.name, colour, points, segments, none, none, skins, length)
 
 
 def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:

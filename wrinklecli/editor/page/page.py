@@ -401,8 +401,7 @@ class Page:
         """Turn the cameras to the chosen tool where it is tallest, or seen before; a pose that is set by hand stays."""
         if self.chosen is None:
             return
-        fitting = {**self.session.attached_tools(), **self.session.attached_below()}
-        if self.player.clip != POSE and self.chosen in fitting:
+        if self.player.clip != POSE and self.chosen in self.session.attached():
             raised = self.session.raised(self.chosen)
             found = self.session.greatest_move(self.chosen) if raised is None else (raised.clip.name, raised.time)
             if found is None:

@@ -15,7 +15,7 @@ from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.editor.baked_file import BakedFile
 from wrinklecli.editor.guessed_tools import Compressed
 from wrinklecli.editor.mask_canvas import MaskCanvas
-from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_below, outline_of
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, body_of, outline_of
 from wrinklecli.editor.page.drawn_scene import HINT, HINTED, LOOKS, Drag, DrawnScene, Look
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.tab import numbers_of
@@ -278,10 +278,7 @@ class Viewport:
 
     def _show_tools(self) -> None:
         outlines = []
-        edited: dict[str, AttachedTool | AttachedBelow] = {}
-        if not self._is_baked:
-            below = {name: each for name, each in self._session.attached_below().items() if (each.excess > 0).any()}
-            edited = {**self._session.attached_tools(), **below}
+        edited = {} if self._is_baked else self._session.attached()
         for number, (name, tool) in enumerate(edited.items()):
             outlines.append(self._outline(name, tool, INKS[number % len(INKS)]))
         if self._hinted is not None and not self._is_baked:
@@ -295,8 +292,7 @@ class Viewport:
         if outline is None or known is not shape:
             nodes = [mesh.source.ground.rig.node for mesh in self.shown]
             body = nodes.index(tool.ground.rig.node)
-            outlined = outline_of if isinstance(tool, AttachedTool) else outline_below
-            outline = replace(outlined(tool, self.shown[body].source, body, colour), name=name)  # type: ignore[arg-type]
+            outline = replace(outline_of(tool, self.shown[body].source, body, colour), name=name)
             self._outlines[name] = shape, outline
         return outline
 
@@ -390,22 +386,15 @@ class Viewport:
                 light.position = _LIGHT_DISTANCE * directions[number]
 
     def tool_at(self, hit: Hit) -> str | None:
-        """Find the tool of the file whose patch, or whose partner's, holds a point, or else a muscle or flesh."""
-        attached_tools, below = self._session.attached_tools(), self._session.attached_below()
+        """Find the first effect of the file that holds a point, or whose partner does: tools come before others."""
+        attached, source = self._session.attached(), hit.mesh.source
+        triangle = int(source.parents[hit.spot.triangles[0]])
         for tool in self._session.tools():
             for name in (tool.name, tool.partner):
-                attached = attached_tools.get(name) if name else None
-                if attached is None or attached.ground.rig.node != hit.mesh.source.ground.rig.node:
+                found = attached.get(name) if name else None
+                if found is None or found.ground.rig.node != source.ground.rig.node:
                     continue
-                if attached.holds(hit.place):
-                    return tool.name
-        source, triangle = hit.mesh.source, int(hit.spot.triangles[0])
-        for tool in self._session.tools():
-            for name in (tool.name, tool.partner):
-                under = below.get(name) if name else None
-                if under is None or under.ground.rig.node != source.ground.rig.node:
-                    continue
-                if under.outlined[source.parents[triangle]]:
+                if found.holds(hit.place, triangle):
                     return tool.name
         return None
 
