@@ -266,6 +266,12 @@ def test_a_mask_is_painted_on_the_skin_and_named_by_the_tool(tmp_path: Path) -> 
             (client,) = page.server.get_clients().values()
             tab.press_button("palm_side")
             tab.wait("document.body.innerText.includes('is tallest')")
+            assert not page._materials._waiting
+            tab.press_text("Materials")
+            until(lambda: page._materials._pictures, "materials that are drawn as their folder opens")
+            tab.press("Escape", code=27)
+            until(lambda: not page._materials._waiting, "no more of them")
+            tab.press_text("Materials")
             tab.press_button("Paint mask")
             tab.wait("!!document.querySelector('[data-brush]')")
             eye = client.camera.position.copy()

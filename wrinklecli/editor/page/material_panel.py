@@ -10,7 +10,7 @@ from wrinklecli.editor.page.pictures import ONE, after_alone, image
 from wrinklecli.editor.page.tab import chosen_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
-from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, show_changed
+from wrinklecli.editor.page.widgets import ASKS, PageHost, show_changed
 from wrinklecli.gltf.pixels import Bytes
 
 _GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
@@ -25,13 +25,12 @@ class MaterialPanel:
         own = page.session.settings().presets
         self._titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
         self._tool: str | None = None
+        self._shown = 0  # tools so far
         self._waiting = 0  # pictures that are not drawn yet
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}
         self._folder: Any = page.server.gui.add_folder("Materials", expand_by_default=False)
         with self._folder:
-            tip = "Draws this tool with each of them. A click on one gives it to the tool, in place of its own keys."
-            add_button(page, "Draw them on this tool", self._ask, color="gray", hint=tip)
             self._grid: Any = page.server.gui.add_html("")
         self._show_grid()
 
@@ -40,10 +39,12 @@ class MaterialPanel:
         show_changed(self._folder, "visible", tool is not None)
         if tool != self._tool:
             self._tool, self._time, self._waiting, self._pictures = tool, None, 0, {}
+            self._shown += 1
             self._show_grid()
 
-    def _ask(self) -> None:
-        if self._tool is None:
+    def draw(self, _value: str, _tab: viser.ClientHandle) -> None:
+        """Draw the pictures that are not there yet, as their folder is open."""
+        if self._tool is None or self._waiting or len(self._pictures) == len(self._titles):
             return
         self._time, self._waiting = None, len(self._titles)
         self._page.say("drawing the materials …", ASKS)
@@ -100,4 +101,4 @@ class MaterialPanel:
             f"{image(self._pictures.get(name), ONE)}{html.escape(title)}</div>"
             for number, (name, title) in enumerate(self._titles.items())
         ]
-        self._grid.content = f'<div style="{_GRID}">{"".join(cells)}</div>'
+        self._grid.content = f'<div style="{_GRID}" data-seen="draw {self._shown}">{"".join(cells)}</div>'

@@ -210,6 +210,7 @@ class Page:
             "at": self._pointer.hover,
             "light": self._viewport.light_from,
             "paint": self._brush.paint,
+            "draw": self._materials.draw,
             "material": self._materials.take,
             "proposal": self._suggest_panel.point_at,
             "keys": self._show_keys,

@@ -1,7 +1,8 @@
 """A script runs in each tab for keys and the mouse, and says in a hidden line what viser has no message for.
 
-Elements of the page's own HTML say something when they are pressed (`data-say`), and when the mouse comes over them
-(`data-over`). While one of them has `data-hover`, the place of the mouse in the view is said, too.
+Elements of the page's own HTML say something when they are pressed (`data-say`), when the mouse comes over them
+(`data-over`), and when they come in sight (`data-seen`). While one of them has `data-hover`, the place of the mouse in
+the view is said, too.
 """
 
 import html
@@ -117,6 +118,13 @@ if (!window.wrinkleKeys) {
       if (event.target.matches("canvas")) sayPlace(drags, event, more);
       if (kind === "pointerup") drags = "";
     }, true);
+  // viser does not say when a folder opens.
+  let seen = "";
+  setInterval(() => {
+    const shown = [...document.querySelectorAll("[data-seen]")].find(each => each.getClientRects().length);
+    if (shown && shown.dataset.seen !== seen) sayOf(shown.dataset.seen);
+    seen = shown?.dataset.seen ?? "";
+  }, 300); // ms: a hand that opens a folder waits no longer
   const reset = event => {
     const field = event.target, label = field.closest("div:has(label)")?.querySelector("label");
     const own = label?.innerText.startsWith("×") && (event.type === "dblclick" || field.closest("label"));
