@@ -76,25 +76,42 @@ def test_crests_go_on_where_lines_turn_at_once() -> None:
     part = smoothstep(np.clip((positions[:, 0] - 0.4) / 0.2, 0.0, 1.0))[:, None]
     directions = -((1.0 - part) * [1.0, 0, 0, 0, 0, 0] + part * [0, 1.0, 0, 0, 0, 0])
     normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
-    lines, *numbers, agreed = Irregular(0.1, 0.15, "a").crests(positions, normals, directions)
-    assert agreed.reshape(81, 41)[[0, 40, 80], 0] == pytest.approx([1.0, 0.0, 1.0], abs=1e-6)
-    assert np.abs(np.diff(lines.reshape(81, 41, 3)[[39, 41], 0], axis=0)).max() > 0.5
-    for each in numbers:
-        steps = np.abs(np.diff(each.reshape(81, 41), axis=0)).max(axis=1)
-        assert steps[38:42].max() <= 1.2 * steps.max(initial=0.0, where=np.abs(np.arange(80) - 40) > 4)
+    ratios = []
+    for seed in "abcdefgh":
+        lines, *numbers, agreed = Irregular(0.1, 0.15, seed).crests(
+            positions, normals, directions, np.full(len(part), 0.4)
+        )
+        assert agreed.reshape(81, 41)[[0, 40, 80], 0] == pytest.approx([1.0, 0.0, 1.0], abs=1e-6)
+        assert np.abs(np.diff(lines[0].reshape(81, 41, 3)[[39, 41], 0], axis=0)).max() > 0.5
+        for each in np.reshape(numbers, (-1, len(part))):
+            steps = np.abs(np.diff(each.reshape(81, 41), axis=0)).max(axis=1)
+            ratios.append(steps[38:42].max() / steps.max(initial=0.0, where=np.abs(np.arange(80) - 40) > 4))
+    assert np.mean(ratios) < 1.0
 
 
 def _lines(positions: Floats) -> Floats:
     return np.tile([1.0, 0.0, 0.0], (len(positions), 1))
 
 
-def test_lines_turn_in_the_surface() -> None:
+def test_crests_run_aslant_to_either_side() -> None:
     positions = plane(1.0, 0.5, 20)[0]
-    normals, lines = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
-    found = Irregular(0.1, 0.5, "a").turned(lines, normals, positions)
-    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0)
-    assert not found[:, 2].any()
-    assert 0.0 < np.abs(found[:, 1]).max() < 1.0
-    assert Irregular(0.1, 0.0, "a").turned(lines, normals, positions) == pytest.approx(lines)
-    # A line without a sign is turned the same way, whichever sign it has.
-    assert Irregular(0.1, 0.5, "a").turned(-lines, normals, positions) == pytest.approx(-found)
+    normals, directions = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0, 1], [-1.0, 0, 0, 0, 0, 0]))
+    slants = np.linspace(0.0, 0.7, len(positions))
+    lines, longer, higher, _ = Irregular(0.1, 0.15, "a").crests(positions, normals, directions, slants)
+    assert np.linalg.norm(lines, axis=2) == pytest.approx(1.0)
+    assert np.abs(lines @ [0.0, 1.0, 0.0]) == pytest.approx(np.tile(slants, (2, 1)))
+    assert np.abs(np.sum(lines[0] * lines[1], axis=1)) == pytest.approx(1.0 - 2.0 * slants**2)
+    # Where nothing is aslant, both families are one; elsewhere each is higher in other places.
+    for numbers in (longer, higher):
+        assert numbers[0, 0] == pytest.approx(numbers[1, 0])
+        assert np.abs(numbers[0] - numbers[1]).max() > 0.2
+
+
+@EACH
+def test_of_two_waves_the_higher_one_is_seen(fabric: Fabric) -> None:
+    one, other = fabric.wave(COSINES), fabric.wave(np.roll(COSINES[:-1], 90))
+    assert fabric.higher(one, one) == pytest.approx(one)
+    found, higher = fabric.higher(one[:-1], other), np.maximum(one[:-1], other)
+    assert (found <= higher + 1e-9).all()
+    assert (found >= higher - fabric.roundness - 1e-9).all()
+    assert fabric.higher(other, one[:-1]) == pytest.approx(found)

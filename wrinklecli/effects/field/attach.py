@@ -64,6 +64,7 @@ class AttachedField(Attached[Field]):
         sweeps: The poses in which it was measured.
         factors: Half heights by shapes on the coarse surface.
         directions: (vertices, 6) those of `Heights`: crests run across the least.
+        slants: (vertices,) those of `Heights`.
         wavelengths: (vertices,) those of places, scene units.
         irregular: How its crests differ.
         regions: The part of the surface.
@@ -78,6 +79,7 @@ class AttachedField(Attached[Field]):
     sweeps: Sweeps
     factors: Factors
     directions: Floats
+    slants: Floats
     wavelengths: Floats
     irregular: Irregular
     regions: tuple[FieldRegion]
@@ -167,7 +169,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     seen = members[(shares[surface.triangles[members]] > UNSEEN).any(axis=1)]
     irregular = Irregular(wavelength, tool.variation, seed)
     tree = Tree.of(rest.positions, surface.triangles[seen])
-    region = FieldRegion(seen, rest, height, shares, measured.directions, wavelengths, irregular, tree)
+    region = FieldRegion(seen, rest, height, shares, measured.directions, measured.slants, wavelengths, irregular, tree)
     return AttachedField(
         tool,
         fabric,
@@ -176,6 +178,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         sweeps,
         factors,
         measured.directions,
+        measured.slants,
         wavelengths,
         irregular,
         (region,),

@@ -59,7 +59,9 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     """
     shapes = attached.factors.shapes
     count = len(shapes)
-    values = fine.subdivision.interpolate(np.concatenate([shapes, attached.directions.T, attached.wavelengths[None]]).T)
+    values = fine.subdivision.interpolate(
+        np.vstack([shapes, attached.directions.T, attached.slants, attached.wavelengths]).T
+    )
     greatest = values[:, :count].max(axis=1)
     faces = fine.triangles[(greatest[fine.triangles] > _LEAST * greatest.max()).any(axis=1)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
@@ -101,36 +103,56 @@ def _waves(
         sheet: The refined surface at rest.
         average: Over `NEAR` of it.
         normals: (vertices, 3) of it.
-        values: (vertices, 7) directions of `Heights`, and wavelengths.
+        values: (vertices, 8) directions and slants of `Heights`, and wavelengths.
         shares: (vertices,) parts of the greatest height.
     """
     fabric, places, seed = attached.fabric, sheet.positions, attached.irregular.seed
-    lines, longer, higher, agreed = attached.irregular.crests(places, normals, values[:, :6])
-    wavelengths = values[:, 6] * longer
-    sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths)
+    lines, longer, higher, agreed = attached.irregular.crests(places, normals, values[:, :6], values[:, 6])
+    wavelengths, trust = values[:, 7] * longer, np.clip(shares, 0.0, 1.0)
+
+    def families(broader: Floats | float) -> tuple[list[Sides], Floats]:
+        found = [
+            Sides.of(places, sheet.triangles, normals, own, broader * lengths)
+            for own, lengths in zip(lines, wavelengths, strict=True)
+        ]
+        return found, np.max([sides.waves for sides in found], axis=0)
+
+    every, waves = families(1.0)
+    ends = every[0].ends
     # One broad fold where sides are too long for more, and none where even it would become knobs.
-    broader = sheet.averaging(attached.wavelength / 2.0).of(_lengths(sides, sheet))
-    sides = Sides.of(places, sheet.triangles, normals, lines, wavelengths * broader)
-    shown = np.clip(average.of(np.clip(2.0 - _lengths(sides, sheet), 0.0, 1.0)), 0.0, 1.0)
-    psi = phases(sides, places, sheet.triangles, np.clip(shares, 0.0, 1.0), attached.wavelength, seed=seed)
-    # No direction is right where lines turn at once.
-    psi *= agreed[:, None]
-    uneven = shown / broader * higher
-    heights = uneven * _height(fabric, psi)
-    middles = uneven[sides.ends].mean(axis=1) * _height(fabric, sides.middles(psi))
+    broader = sheet.averaging(attached.wavelength / 2.0).of(_lengths(ends, waves, sheet))
+    every, waves = families(broader)
+    shown = np.clip(average.of(np.clip(2.0 - _lengths(ends, waves, sheet), 0.0, 1.0)), 0.0, 1.0)
+    at_vertices, at_middles = [], []
+    for sides, uneven in zip(every, shown / broader * higher, strict=True):
+        psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
+        # No direction is right where lines turn at once.
+        psi *= agreed[:, None]
+        at_vertices.append(uneven * _height(fabric, psi))
+        at_middles.append(uneven[ends].mean(axis=1) * _height(fabric, sides.middles(psi)))
+    heights, middles = fabric.higher(*at_vertices), fabric.higher(*at_middles)
+    # Each fills furrows of the other, so both together are less steep than each: they rise until they fold as much.
+    a, b = ends.T
+    steepness = [
+        np.sum(every[0].weights * (trust[a] + trust[b]) ** 2 * (each[a] - each[b]) ** 2)
+        for each in (*at_vertices, heights)
+    ]
+    rise = np.sqrt(np.mean(steepness[:-1]) / max(steepness[-1], _TINY))
+    heights, middles = rise * heights, rise * middles
     # A side from crest to furrow says nothing of what is between: its middle is then halfway.
-    straight = heights[sides.ends].mean(axis=1)
-    told = np.clip((_LONGEST - sides.waves) / (_LONGEST - _SHORT_ENOUGH), 0.0, 1.0)
-    return _Waves(heights, sides.ends, straight + told * (middles - straight))
+    straight = heights[ends].mean(axis=1)
+    told = np.clip((_LONGEST - waves) / (_LONGEST - _SHORT_ENOUGH), 0.0, 1.0)
+    return _Waves(heights, ends, straight + told * (middles - straight))
 
 
-def _lengths(sides: Sides, sheet: Sheet) -> Floats:
+def _lengths(ends: Ints, waves: Floats, sheet: Sheet) -> Floats:
     """(vertices,) waves along the longest side over those that show them, 1 at least.
 
-    Refinement splits no side whose middle would need too many joints, as in a groin.
+    Refinement splits no side whose middle would need too many joints, as in a groin. `ends` are (sides, 2) vertices,
+    `waves` (sides,) of each.
     """
     longest = np.zeros(len(sheet.positions))
-    np.maximum.at(longest, sides.ends, sides.waves[:, None])
+    np.maximum.at(longest, ends, waves[:, None])
     usual = max(float(weighted_quantiles(longest, sheet.areas, np.array([_USUAL]))[0]), _SHORT_ENOUGH)
     return np.maximum(longest / usual, 1.0)
 

@@ -2,6 +2,13 @@
 
 A surface that is shortened to 1 − ε along a direction keeps its length in sine waves of rest length λ and half height
 A = λ/π √(ε (1 − ε)), to second order in ε. They are greatest at ε = ½, so no other limit of strain is needed.
+
+A crest that runs round a limb has to stretch as it rises. Flat facets do not: a thin tube that is shortened folds into
+diamonds. Their length round the limb is that of facets which sink as far as folds are high, so the crests between them
+run aslant to either side, the more the more the limb is curved. On what is flat they run straight across.
+
+Source: Y. Yoshimura, *On the Mechanism of Buckling of a Circular Cylindrical Shell under Axial Compression*, NACA
+TM 1390, 1955 (the diamonds). Differs: the distance of crests is that of the material.
 """
 
 from collections.abc import Sequence
@@ -41,6 +48,10 @@ _TAUT = 1.1
 _RISE = 2.0
 # Lost part of the length at which waves are highest.
 _MOST_LOST = 0.5
+# A flat facet of length μ sinks by μ² over so many radii below a tube, at its middle.
+_FACETS = 8.0
+# Greatest squared sine of the angle by which crests run aslant: there they run along the compression as much as across.
+_MOST_ASLANT = 0.5
 # Times that cloth slips, by about the radius of a limb: once as it lies loose on it, and twice where it has no room.
 _SLIPS = 3
 # Least factor by which skinning makes heights lower that is made up for: a limb bent by 106 degrees. What is turned
@@ -60,10 +71,12 @@ class Heights:
         heights: (poses, vertices) scene units, at rest.
         directions: (vertices, 6) minus the mean, over a wave, of the products with itself of the unit direction that is
             shortened most in all poses, weighted by their heights: the surface's wrinkles run across it.
+        slants: (vertices,) sines of the angles by which crests are turned from that, to either side.
     """
 
     heights: Floats
     directions: Floats
+    slants: Floats
 
 
 def averages_over(sheet: Sheet, wavelength: float) -> tuple[Average, ...]:
@@ -112,6 +125,12 @@ def measure(
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
     least, lines, across = shortest(beyond.of(total), normals)
     directions = -wave.of(product(lines, lines) * (least < across)[:, None])
+    crests = _stiffness_along(sheet, np.cross(normals, lines))
+    curved = np.abs(wave.of_integrals(np.sum((crests @ sheet.positions) * normals, axis=1)))
+    sunken = _FACETS * max(_typical_height(lost, sheet.areas), _TINY)
+    slants = np.sqrt(np.minimum(curved * wavelengths / sunken, _MOST_ASLANT))
+    # Waves are longer along the compression than across their crests.
+    wavelengths = wavelengths / np.sqrt(1.0 - slants**2)
     raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
     every, level = np.arange(len(sheet.triangles)), np.zeros(len(sheet.positions))
     still = surface.shown(rest.matrices, every, raising, (level, level + 1.0))
@@ -123,11 +142,16 @@ def measure(
         row[0] = _room(np.maximum(1.0 + strain, 0.0), concave, wavelengths)
     # Cloth slips over what is beneath, the way in which it is compressed: beside the end of a crease it would heap up.
     slipping = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, lines))
-    crests = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, np.cross(normals, lines)))
     made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping, slack)))
-    drawn = np.maximum(made, crests.of(made.T).T)
+    drawn = np.maximum(made, sheet.averaging(BEYOND * wavelength, crests).of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
-    return Heights(heights, directions)
+    return Heights(heights, directions, slants)
+
+
+def _typical_height(lost: Floats, areas: Floats) -> float:
+    """The height from furrow to crest over the wavelength, in the mean of what folds; (poses, vertices) lost parts."""
+    squares = _squares(lost)
+    return float(2.0 / np.pi * np.sqrt((squares**2 @ areas).sum() / max((squares @ areas).sum(), _TINY)))
 
 
 def _squares(lost: Floats) -> Floats:

@@ -1,9 +1,9 @@
-"""Irregular fields: smooth random numbers in space, by which crests differ from their neighbours, and bend.
+"""Two families of crests, and smooth random numbers in space by which crests differ from their neighbours.
 
 Equal ribs read as a machine's. In cloth few wide and high folds stand among narrow and low ones, so one number gives
 width and height of a crest. The number differs less along the crest, where another width forks it and another height
-ends it. Neighbouring crests bend alike. All amounts are those of a variation of 1. The shapes are fixed, so
-irregularity costs nothing in a player.
+ends it. Of two families that cross, one is higher here and the other there. All amounts are those of a variation of 1.
+The shapes are fixed, so irregularity costs nothing in a player.
 """
 
 import numpy as np
@@ -18,8 +18,8 @@ from wrinklecli.numeric.drawn import drawn
 _WAVES, _SHORTEST, _LONGEST = 40, 1.6, 4.0
 # Stands for 0 where numbers divide.
 _TINY = 1e-9
-# Logarithm by which wavelengths differ, radians by which crests turn, and by how much heights differ.
-_LENGTHS, _TURNS, _HEIGHTS = 1.5, 2.0, 10.0
+# Logarithm by which wavelengths differ, and by how much heights differ.
+_LENGTHS, _HEIGHTS = 1.5, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,40 +36,38 @@ class Irregular:
     variation: float
     seed: str
 
-    def crests(self, positions: Floats, normals: Floats, directions: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Draw the crests at (vertices, 3) places at rest with unit normals, and (vertices, 6) `Heights.directions`.
+    def crests(
+        self, positions: Floats, normals: Floats, directions: Floats, slants: Floats
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Draw the crests at (vertices, 3) places at rest with unit normals, by `Heights.directions` and `slants`.
 
         Returns:
-            (vertices, 3) unit lines across the crests, without signs; (vertices,) factors of the wavelength and of the
-            height; and (vertices,) how much lines agree, from 0, where they turn at once, to 1.
+            (2, vertices, 3) unit lines across two families of crests, without signs; (2, vertices) factors of their
+            wavelength and of their height; and (vertices,) how much lines agree, from 0, where they turn at once, to 1.
         """
         least, lines, across = shortest(directions, normals)
         agreed = np.clip((across - least) / np.maximum(-across - least, _TINY), 0.0, 1.0)
-        return self.turned(lines, normals, positions), *self.varied(positions, lines, agreed), agreed
+        level, aslant = np.sqrt(1.0 - slants**2)[:, None] * lines, slants[:, None] * np.cross(normals, lines)
+        both = np.stack([level + aslant, level - aslant])
+        return both, *self.varied(positions, both, agreed), agreed
 
     def varied(self, positions: Floats, lines: Floats, agreed: Floats | float = 1.0) -> tuple[Floats, Floats]:
-        """(vertices,) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
+        """(…, vertices) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
         Wide crests are the high ones. The mean square of the heights is 1, so the surface keeps its length.
-        (vertices, 3) `lines` are unit directions across the crests, without signs. (vertices,) `agreed` say how much
+        (…, vertices, 3) `lines` are unit directions across the crests, without signs. (vertices,) `agreed` say how much
         they agree with those beside them: where lines turn at once, numbers do not.
         """
-        drawn_here = self.variation * self._smooth(positions, lines, "crests", agreed)
+        drawn_here = self.variation * self._smooth(positions, lines, agreed)
         return np.exp(_LENGTHS * drawn_here), np.sqrt(1.0 + np.tanh(_HEIGHTS * drawn_here))
 
-    def turned(self, lines: Floats, normals: Floats, positions: Floats) -> Floats:
-        """(vertices, 3) unit lines, turned in the planes of (vertices, 3) normals."""
-        crests = np.cross(normals, lines)
-        angles = _TURNS * self.variation * self._smooth(positions, crests, "turns")
-        return np.asarray(np.cos(angles)[:, None] * lines + np.sin(angles)[:, None] * crests)
+    def _smooth(self, positions: Floats, along: Floats, agreed: Floats | float) -> Floats:
+        """(…, vertices) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is.
 
-    def _smooth(self, positions: Floats, along: Floats, what: str, agreed: Floats | float = 1.0) -> Floats:
-        """(vertices,) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is.
-
-        They differ most in the direction of (vertices, 3) unit vectors without signs, and alike in all where none of
+        They differ most in the direction of (…, vertices, 3) unit vectors without signs, and alike in all where none of
         these `agreed`.
         """
-        what = f"{what} {self.seed}"
+        what = f"crests {self.seed}"
         ways = drawn(what, "ways", _WAVES, 3)
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
         lengths = self.wavelength * np.linspace(_SHORTEST, _LONGEST, _WAVES)
@@ -79,4 +77,4 @@ class Irregular:
         agreed = np.reshape(agreed, (-1, 1))
         parts = agreed * (along @ ways.T) ** 2 + (1.0 - agreed) / 3.0 + _TINY
         waves = parts * np.cos(2.0 * np.pi * (positions @ (ways / lengths[:, None]).T) + phases)
-        return np.asarray(np.sqrt(2.0) * waves.sum(axis=1) / np.linalg.norm(parts, axis=1))
+        return np.asarray(np.sqrt(2.0) * waves.sum(axis=-1) / np.linalg.norm(parts, axis=-1))

@@ -33,6 +33,11 @@ class Fabric:
         risen = (np.sqrt((1.0 + cosines) / 2.0 + self.roundness) - low) / (high - low)
         return np.asarray(2.0 * (risen - self.inward))
 
+    def higher(self, one: Floats, other: Floats) -> Floats:
+        """(…,) the higher of (…,) heights of two waves, with round furrows where both are as high."""
+        half = (one - other) / 2.0
+        return np.asarray((one + other) / 2.0 + np.sqrt(half**2 + self.roundness**2) - self.roundness)
+
     @property
     def mean(self) -> float:
         """The mean height of a wave, which is that of the surface where waves fork and end."""

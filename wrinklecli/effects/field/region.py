@@ -32,6 +32,7 @@ class FieldRegion(Region):
         greatest_height: Of the displacement, scene units.
         shares: (vertices,) parts of it in any pose.
         directions: (vertices, 6) those of `Heights`: crests run across the least.
+        slants: (vertices,) those of `Heights`.
         wavelengths: (vertices,) those of places at rest, scene units.
         irregular: How crests differ.
         tree: Finds nearest points on the members.
@@ -42,6 +43,7 @@ class FieldRegion(Region):
     greatest_height: float
     shares: Floats
     directions: Floats
+    slants: Floats
     wavelengths: Floats
     irregular: Irregular
     tree: Tree
@@ -83,20 +85,24 @@ class FieldRegion(Region):
         """Gives (edges,) lengths across the crests over half a wavelength, shorter where wrinkles are lower."""
         pose = self.pose
         heights = self.greatest_height * self.shares
-        coarse = np.column_stack([pose.positions, pose.normals, self.directions, heights, self.wavelengths])
+        coarse = np.column_stack(
+            [pose.positions, pose.normals, self.directions, heights, self.wavelengths, self.slants]
+        )
 
         def found(ends: Ints) -> Floats:
             used, at = np.unique(ends, return_inverse=True)
             at = at.reshape(-1, 2)
-            places, normals, directions, heights, wavelengths = np.split(
-                mesh.of_vertices(used, coarse), [3, 6, 12, 13], axis=1
+            places, normals, directions, heights, wavelengths, slants = np.split(
+                mesh.of_vertices(used, coarse), [3, 6, 12, 13, 14], axis=1
             )
-            lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions)
+            lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions, slants[:, 0])
             steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
             way = places[at[:, 1]] - places[at[:, 0]]
-            # The part across the crests, and a share of the whole.
-            across = np.mean(np.einsum("ei,eki->ek", way, lines[at]) ** 2, axis=1)
-            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep[at].max(axis=1))
-            return np.asarray(2.0 * length / (wavelengths[:, 0] * longer)[at].mean(axis=1))
+            # The part across the crests of each family, and a share of the whole.
+            across = np.mean(np.einsum("ei,feki->fek", way, lines[:, at]) ** 2, axis=2)
+            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep[:, at].max(axis=2))
+            waves = 2.0 * length / (wavelengths[:, 0] * longer)[:, at].mean(axis=2)
+            # At a place one of both families is the higher.
+            return np.asarray(np.sqrt(np.mean(waves**2, axis=0)))
 
         return found
