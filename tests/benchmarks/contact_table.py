@@ -247,7 +247,7 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
         targets=sum(len(fold["targets"]) for fold in folds),
         volume_lost=max((float(fold.get("volume_lost") or 0.0) for fold in folds), default=0.0),
         seconds=round(times_taken[1][0], 1), seconds_off=round(times_taken[0][0], 1),
-        given_up=sum("contact is left" in line for line in reports[1]["warnings"]),
+        given_up=sum(LEFT_OUT in line for line in reports[1]["warnings"]),
         gap=round(max((each.share for each in lookup_gaps(resolved, case.clip).values()), default=0.0), 3),
         clock=round(times_taken[1][1], 1), load=round(load, 1),
     )  # fmt: skip

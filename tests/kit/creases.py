@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from wrinklecli.effects.contact.crease import Crease, given_up_by, march_clip, resolve
+from wrinklecli.effects.contact.crease import Crease, march_clip, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.system import crossing_in_sweeps
 from wrinklecli.numeric.arrays import Ints
@@ -19,6 +19,6 @@ def resolved(fold: Fold, *, most: int, further: Ints | None = None) -> Crease:
     found = crossing(fold, further)
     assert found.crosses
     sweeps = [march_clip(found, *each, sweep=True) for each in found.hinge.sweeps]
-    assert given_up_by(found, sweeps) is None
+    assert all(each.touching for each in sweeps if each.faults)
     poses = [pose for each in sweeps for pose in each.poses(each.touching)]
     return resolve(found, poses, sweeps, most=most)

@@ -10,7 +10,7 @@ from kit.player import Gltf, Json
 from wrinklecli.baking.report import Report
 from wrinklecli.numeric.intersections import Crossings, edges_of, widened
 
-LEFT_OUT, LEAVES = "contact is left", "contact leaves crossings"
+LEFT_OUT, LEAVES = "it is left out of this fold", "contact leaves crossings"
 """Words of a line about a fold: it has no contact; or contact leaves crossings there, and how many."""
 
 Floats = NDArray[np.float64]

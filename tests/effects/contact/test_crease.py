@@ -1,6 +1,5 @@
 """Reduced shapes of contact: there are few, yet they keep the volume, and cover all vertices that may move."""
 
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,14 +15,12 @@ from kit.asset import attribute
 from kit.bent_tube import SIDES, tube
 from kit.creases import resolved
 from kit.limb import limb_asset, tool, write_tools
-from kit.prepared import prepare
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.character.clip import Clip
-from wrinklecli.effects.contact.crease import Crease, MarchedClip, given_up_by
+from wrinklecli.effects.contact.crease import Crease, MarchedClip
 from wrinklecli.effects.contact.fitting import combined, fit_poses
-from wrinklecli.effects.contact.fold import RINGS, Fold
-from wrinklecli.effects.contact.hinge import hinge_of
+from wrinklecli.effects.contact.fold import RINGS
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.solution import Solution, _error_weights
 from wrinklecli.effects.contact.tissue import FREE, SOFT, Tissue
@@ -85,29 +82,6 @@ def test_all_that_is_near_what_crosses_may_move(tmp_path: Path) -> None:
     for _ in range(RINGS):
         near = widened(tissue.edges, near)
     assert free[near].all()
-
-
-@pytest.mark.parametrize(("degrees", "given_up"), [((), True), ((20.0,), True), ((20.0, 31.0), False)])
-def test_a_fold_whose_motion_settles_nowhere_beyond_30_degrees_is_given_up(
-    degrees: tuple[float, ...], *, given_up: bool
-) -> None:
-    """Contact acts at some angles of one sweep, which then has a fault at 40°; the other sweep has none."""
-    prepared = prepare(limb_asset(rings=9, sides=8), tool())
-    hinge = hinge_of(prepared.rig.names.index("joint_1"), prepared.patches, np.zeros(3), prepared.rig)
-    fold: Any = SimpleNamespace(hinge=hinge, rig=prepared.rig)
-    fold.degrees = partial(Fold.degrees, fold)
-    found: Any = object()
-    angles = np.radians([0.0, 10.0, 20.0, 31.0, 40.0])
-    clip, times = hinge.turn(angles), np.linspace(0.0, 1.0, 5)
-    solutions = {frame: found for frame, each in enumerate((0.0, 10.0, 20.0, 31.0, 40.0)) if each in degrees}
-    failed, sound = MarchedClip(clip, times, solutions, {4: "is torn"}), MarchedClip(clip, times[:2], {1: found}, {})
-    assert given_up_by(fold, [sound, sound]) is None
-    reason = given_up_by(fold, [failed, sound])
-    if given_up:
-        assert reason is not None
-        assert (reason.reason, reason.degrees) == ("is torn", pytest.approx(40.0, abs=0.1))
-    else:
-        assert reason is None
 
 
 @pytest.mark.parametrize("torn", [False, True])

@@ -19,7 +19,7 @@ from wrinklecli.numeric.arrays import Floats, Ints
 FORGERIES: list[Callable[[str], str]] = [
     lambda _: "{}",
     lambda _: "[" * 100_000,
-    lambda _: '{"SolvedSystem": [[], []]}',
+    lambda _: "[]",
     lambda text: text[:-1],
     lambda text: text.replace('{"known": 0}', '{"known": 9}'),
     lambda text: text.replace('{"Crease"', '{"Fold"'),
@@ -42,7 +42,7 @@ def test_folds_whose_surface_is_as_before_are_not_solved_again(
     write_tools(tools, first, second, refinement={"max_levels": 1})
     solve, solved, asked = sample._solved_system, list[list[Fold]](), list[tuple[list[Fold], sample._Clips]]()
 
-    def logged(members: list[Fold], *, clips: sample._Clips, jobs: int) -> kept.SolvedSystem:
+    def logged(members: list[Fold], *, clips: sample._Clips, jobs: int) -> kept.Spanned:
         solved.append(members)
         asked.append((members, clips))
         return solve(members, clips=clips, jobs=jobs)

@@ -1,4 +1,4 @@
-"""Players show what the bake shows of contact, from the extras alone: poses, loops, and clips that are given up."""
+"""Players show what the bake shows of contact, from the extras alone: poses, loops, and clips without contact."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Mirrored folds are mirrored: both sides are resolved or given up alike, and look alike."""
+"""Mirrored folds are mirrored: both sides are resolved or left alike, and look alike."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from wrinklecli.effects.contact.tissue import UNITS
 TIMES = np.linspace(0.0, 1.0, 9)
 # The gap that contact keeps, solver's units: within it, the solver may end a little sooner on one side.
 GAP = 1.0
-# What says how a side is given up in a clip.
+# What says how a side is left in a clip.
 ALIKE = ("poses", "reason", "begin", "end", "faded", "height")
 
 
@@ -24,7 +24,7 @@ ALIKE = ("poses", "reason", "begin", "end", "faded", "height")
         pytest.param(110.0, 0.0, GAP, id="apart"),
         # The second of two folds that meet takes over the errors of the first, whose shapes may be so far off.
         pytest.param(110.0, 7.0, None, id="meeting"),
-        pytest.param(150.0, 20.0, None, id="given up in deep bends"),
+        pytest.param(150.0, 20.0, None, id="unsettled in deep bends"),
     ],
 )
 def test_mirrored_folds_are_mirrored(angle: float, inwards: float, near: float | None) -> None:

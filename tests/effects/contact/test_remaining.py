@@ -21,12 +21,12 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.drive.drive import Drive
 from wrinklecli.effects.contact.crease import PlayerError, march_clip
 from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
-from wrinklecli.effects.contact.given_up import TORN, WORSE
 from wrinklecli.effects.contact.layer import ContactLayer
+from wrinklecli.effects.contact.pose_faults import TORN, WORSE
 from wrinklecli.effects.contact.remaining import FADE, _state, nearness, shown_in
 from wrinklecli.review.crossings import crossings
 
-# So low that the wrinkles cross no more than the skin: else such a fold is given up.
+# So low that the wrinkles cross no more than the skin.
 TOOL = tool(bumps=3, max_height="0.1%")
 TIMES = np.linspace(0.0, 1.0, 16)
 

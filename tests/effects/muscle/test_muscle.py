@@ -305,23 +305,22 @@ def test_contact_keeps_apart_what_muscles_press_together() -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a_fold_over_a_muscle_that_is_given_up_has_lower_wrinkles(
+def test_a_fold_over_a_muscle_that_gets_no_contact_has_lower_wrinkles(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The muscle stands before the tools among the effects, and stays as it is."""
     pytest.importorskip("ipctk", reason="needs the extra `contact`")
-    from wrinklecli.effects.contact import sample
-    from wrinklecli.effects.contact.given_up import DEGENERATE
+    from wrinklecli.effects.contact.tissue import Tissue
 
-    def unresolved(*_: Any, **__: Any) -> None:
+    def degenerate(_: Tissue) -> Tissue:
         raise FloatingPointError
 
-    monkeypatch.setattr(sample, "resolve", unresolved)
+    monkeypatch.setattr(Tissue, "ready", degenerate)
     tools = write_tools(tmp_path / "tools.yaml", tool(bumps=3, contact="resolve"), muscles=[muscle(travel=False)])
     report = wrinklecli.bake(folding_limb(), tools, tmp_path / "out.glb")
     (fold,) = report.data["folds"]
-    assert fold["given_up"]["reason"] == DEGENERATE
-    assert [*fold["heights"]] == ["crease"]
+    assert fold["targets"] == []
+    assert fold["left"][0]["height"] < 1.0
     assert report.data["muscles"][0]["targets"] == ["wrinkle_biceps_1", "wrinkle_biceps_2"]
 
 

@@ -21,8 +21,8 @@ from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.table import Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
 from wrinklecli.effects.contact.fold import Fold, Poses
-from wrinklecli.effects.contact.given_up import TORN, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
+from wrinklecli.effects.contact.pose_faults import TORN
 from wrinklecli.effects.contact.solution import March, Solution, is_clear
 from wrinklecli.effects.contact.tissue import UNITS
 from wrinklecli.frozen import dataclass
@@ -49,8 +49,6 @@ _MOST_ROWS = 32
 _MOST_PATHS = 16
 # Move of a vertex in a sweep by contact beyond which it ends, solver's units: a limb is pressed by half of its radius.
 _DEEPEST = 36.0
-# Strides from rest beyond which some pose must settle: a bend of 30°, or about half of a rise.
-_FAR = 7.5
 # Sine of half of the turn below which a joint is in its stored pose: rounding.
 _AT_REST = 1e-4
 # Sampled poses, evenly spread, in which normals are to be right, beside those with the greatest weights. With 8, two
@@ -137,7 +135,8 @@ class Crease:
         """The weights in sweeps and clips by the joint's turn, or by the shortening of the tool that rises."""
         rows, table = list[Floats](), list[Floats]()
         for each in self.swept:
-            good = np.setdiff1d(np.arange(len(each.times)), sorted(each.faults))
+            # At rest nothing acts.
+            good = np.setdiff1d(np.arange(len(each.times)), sorted({*each.faults} - {0}))
             reading: Any = self.fold.hinge.reading(self.fold.rig, each.clip, each.times[good])
             # A morph target may move the ends beyond the place where they are nearest.
             reached = np.maximum.accumulate(np.abs(reading.rows - reading.rows[0]))
@@ -380,20 +379,6 @@ def _in_clip(fold: Fold, clip: Clip, times: Floats) -> Iterator[Solution]:
             deque(way.through(there, moments, fold.strides(there, moments)), maxlen=0)
             marching.reached += way.reached
         yield from marching.through(clip, times[part], strides[part])
-
-
-def given_up_by(fold: Fold, sweeps: Sequence[MarchedClip]) -> GivenUp | None:
-    """The reason why a fold is given up, by the sweeps of its joint; None if it is not.
-
-    A sweep has a fault, and none of the poses that touch counts beyond 30°.
-    """
-    failed = [each for each in sweeps if each.faults]
-    strides = [fold.hinge.strides(fold.rig, each.clip, each.times[each.touching]) for each in sweeps]
-    if not failed or any((np.abs(each) >= _FAR).any() for each in strides):
-        return None
-    frame, reason = min(failed[0].faults.items())
-    turns = fold.degrees(failed[0].clip, failed[0].times[[frame]])
-    return GivenUp(reason, None if turns is None else float(turns[0]))
 
 
 def resolve(

@@ -7,7 +7,6 @@ import numpy as np
 
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
-from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen, Target
@@ -62,8 +61,7 @@ def contact_effect(
     """The effect of a fold, of whose shapes in a basis the numbers `columns` have targets.
 
     In clips that were solved weights are rows. In others a drive looks them up by the joint's angle, or by the tool's
-    shortening if no joint bends the fold. They are 0 in clips that the bake has given up, and where they would be
-    further off than none.
+    shortening if no joint bends the fold. They are 0 where they would be further off than none.
     """
     crease, names, signal = words.crease, tuple(each.name for each in targets), words.crease.signal
 
@@ -98,7 +96,11 @@ class ContactWords:
     player_errors: Mapping[str, PlayerError]
     heights: Mapping[str, Rows] = field(default_factory=dict)
     remedy: str = "`contact: off`"
-    left_out: str | None = None
+
+    @property
+    def left_out(self) -> str | None:
+        """The warning that the fold has no contact at all, and why; None if it has some."""
+        return None if len(self.crease.shapes) else self._line(self._clip_words())
 
     def summary(self, effects: int, targets: int) -> str:
         """Count the targets of contact, and the folds."""
@@ -141,9 +143,7 @@ class ContactWords:
     def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
         """A line about contact that is not wholly resolved, for the worst clip in each respect."""
         assert up in ("y", "z")
-        held, left = ([each for each in self.remaining if getattr(each, key)] for key in ("reason", "resolved"))
-        parts = [self._held_words(max(held, key=lambda each: each.poses)) + _and_more(held)] if held else []
-        parts += [self._remaining_words(max(left, key=lambda each: each.resolved)) + _and_more(left)] if left else []
+        parts = self._clip_words()
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
@@ -160,7 +160,17 @@ class ContactWords:
                 " surface or skin slides: the baked clip is right, but `track` and players that compute contact"
                 f" {what}, by {error.length:.2g}"
             )
-        return [f"{', '.join(self.tools)}: {'; '.join(parts)}"] if parts else []
+        return [self._line(parts)] if parts else []
+
+    def _line(self, parts: Sequence[str]) -> str:
+        return f"{', '.join(self.tools)}: {'; '.join(parts)}"
+
+    def _clip_words(self) -> list[str]:
+        """Words about the worst clip that is not wholly resolved: for its poses with a fault, and for what crosses."""
+        held, left = ([each for each in self.remaining if getattr(each, key)] for key in ("reason", "resolved"))
+        parts = [self._held_words(max(held, key=lambda each: each.poses)) + _and_more(held)] if held else []
+        parts += [self._remaining_words(max(left, key=lambda each: each.resolved)) + _and_more(left)] if left else []
+        return parts
 
     def _held_words(self, remaining: Remaining) -> str:
         """Words about the poses of a clip in which contact has a fault, and what is shown there."""
@@ -170,6 +180,8 @@ class ContactWords:
             turns = _span(f"{remaining.degrees[0]:.0f}", f"{remaining.degrees[1]:.0f}", "°")
             where = f", where {self.crease.fold.joint} turns by {turns}"
         shown = "it fades out there" if remaining.faded else "it keeps its last good state there"
+        if not len(self.crease.shapes):
+            shown = "it is left out of this fold"
         if remaining.height < 1.0:
             shown += (
                 f", and wrinkles are lowered to {100 * remaining.height:.0f} %, to cross no more than the skin does"
@@ -183,7 +195,9 @@ class ContactWords:
             f"{counted(remaining.resolved, 'edge passes', 'edges pass')} through triangles at {remaining.time:.3g} s"
         )
         hint = "fewer or lower bumps leave more room"
-        if not self.crease.fold.per_clip:
+        if not self.crease.fold.tissue.colliding.any():
+            hint = "the surface is degenerate, or touches itself everywhere at rest: mend the mesh there"
+        elif not self.crease.fold.per_clip:
             hint = "without `per_clip: false` the targets follow it better"
         return (
             f"contact leaves crossings in {remaining.clip!r}: {counts}, {remaining.before:,} on the skin alone"
@@ -199,74 +213,3 @@ def _and_more(remaining: Sequence[Remaining]) -> str:
 def _span(least: str, greatest: str, unit: str) -> str:
     """Two numbers with a unit in words; one if they are alike."""
     return f"{least}{unit}" if least == greatest else f"{least} to {greatest}{unit}"
-
-
-@dataclass(frozen=True, slots=True)
-class GivenUpWords:
-    """The words of a fold that asks for contact and is given up: it has no targets, and says why.
-
-    Attributes:
-        tools: Names of all tools over the fold.
-        joint: Name of the joint that bends it, if one does.
-        given_up: The reason, and where it showed.
-        beside: Names of the tools of other folds that move the same vertices, or that touch it in a clip.
-        heights: By the names of clips, the parts of their height that the tools keep over time, so that they cross no
-            more than the skin does; 1 in other clips.
-    """
-
-    tools: tuple[str, ...]
-    joint: str | None
-    given_up: GivenUp
-    beside: tuple[str, ...]
-    heights: Mapping[str, Rows] = field(default_factory=dict)
-    remedy: str = ""
-
-    @property
-    def height(self) -> float:
-        """The least of these parts."""
-        return min((float(each.weights.min()) for each in self.heights.values()), default=1.0)
-
-    def summary(self, effects: int, _targets: int) -> str:
-        """Count the folds that are given up."""
-        return f"contact given up in {counted(effects, 'fold')}"
-
-    def describe(self, _plan: MeshPlan, _targets: tuple[str, ...]) -> Json:
-        """The fold's entry in the report."""
-        return {
-            "tools": list(self.tools),
-            "clip": None,
-            "joint": self.joint,
-            "given_up": asdict(self.given_up),
-            "heights": {name: significant(self.height) for name in self.tools if self.heights},
-            "targets": [],
-        }
-
-    def describe_clip(self, _seen: Seen) -> None:
-        """Nothing."""
-        return
-
-    def warnings(self, _plan: MeshPlan, _clips: Sequence[Seen], *, up: str) -> list[str]:
-        """The line about it."""
-        assert up in ("y", "z")
-        return [self.left_out]
-
-    @property
-    def left_out(self) -> str:
-        """The warning that says that the fold is given up, why, and what to do."""
-        found, where = self.given_up, ""
-        if found.degrees is not None:
-            where = f" where {self.joint} turns by {found.degrees:.0f}°"
-        hint = "lower or fewer bumps leave more room"
-        if found.reason == DEGENERATE:
-            hint = "mend the mesh there"
-        elif self.beside:
-            hint = f"nor is it resolved together with that of {listed(self.beside)}, which it touches"
-        if self.heights:
-            hint += (
-                f"; its wrinkles are lowered to {100 * self.height:.0f} % in {listed(self.heights)}, to cross no more"
-                " than the skin does"
-            )
-        else:
-            hint += "; `contact: off` is the same without this line"
-        fold = "this fold" if self.joint is None else f"this fold at {self.joint}"
-        return f"{', '.join(self.tools)}: contact is left out of {fold}: it {found.reason}{where}; {hint}"

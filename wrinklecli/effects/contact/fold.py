@@ -18,6 +18,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.choices import Part
 from wrinklecli.effects.contact.hinge import Hinge, hinge_of
+from wrinklecli.effects.contact.pose_faults import unless_degenerate
 from wrinklecli.effects.contact.rise import Rise, rise_of
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.effects.kept import kept_search
@@ -169,7 +170,7 @@ class Fold:
 
     @cached_property
     def tissue(self) -> Tissue:
-        """The fold as the solver sees it."""
+        """The fold as the solver sees it; nothing of it is free or may collide if the surface is degenerate."""
         free = self.near
         free[: len(self.vertices)] &= ~self.border
         edges, crossed = self.crossings.at(self.rest_positions)
@@ -180,8 +181,9 @@ class Fold:
         through[self.crossings.edges[edges]] = True
         colliding[(through & ~self.own)[self.triangles].any(axis=1)] = False
         rest = self.rest_positions * UNITS / self.radius
-        tissue = Tissue(rest, self.triangles, colliding, free, self.own, self.apart).without_touching()
-        return tissue if self.own.all() else tissue.without_close_meshes()
+        tissue = Tissue(rest, self.triangles, colliding, free, self.own, self.apart)
+        none = np.zeros_like(free)
+        return unless_degenerate(tissue.ready) or replace(tissue, colliding=none[self.triangles[:, 0]], free=none)
 
     @property
     def free_vertices(self) -> Ints:

@@ -8,14 +8,13 @@ poses. What is searched for in poses is kept likewise (`Fold.searched`).
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.effects.contact.crease import Crease, Followed
 from wrinklecli.effects.contact.fold import Fold
-from wrinklecli.effects.contact.given_up import GivenUp
 from wrinklecli.effects.kept import digest_of, plain, read_records, written_records
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
@@ -24,21 +23,18 @@ MOST_BYTES = 2**27
 """Bytes of a stored solution at most: 9 shapes of 100,000 vertices, which no solver gets through, take a quarter."""
 
 
+Spanned: TypeAlias = Sequence[tuple[Crease, Mapping[int, Followed]]]
+"""Folds that are solved together: their shapes, and the weights of these in each clip, by its number."""
+
+
 @dataclass(frozen=True, slots=True)
-class SolvedSystem:
-    """The folds of a system.
+class _Stored:
+    """A stored solution."""
 
-    Attributes:
-        given_up: The folds whose own motion cannot be resolved.
-        spanned: The others with the shapes that count, and their weights in each clip, by its number.
-    """
-
-    given_up: Sequence[tuple[Fold, GivenUp]]
-    spanned: Sequence[tuple[Crease, Mapping[int, Followed]]]
+    spanned: Spanned
 
 
-# The records in a stored solution.
-_RECORDS = (SolvedSystem, GivenUp, Crease, Followed, Clip, Channel)
+_RECORDS = (_Stored, Crease, Followed, Clip, Channel)
 
 
 def solution_key(
@@ -66,25 +62,24 @@ def solution_key(
     return digest_of(chain.from_iterable(map(parts, members)), name)
 
 
-def written(solved: SolvedSystem, members: Sequence[Fold], clips: Mapping[int, Clip]) -> bytes:
+def written(solved: Spanned, members: Sequence[Fold], clips: Mapping[int, Clip]) -> bytes:
     """The bytes of a solution."""
-    return written_records(solved, [*members, *clips.values()])
+    return written_records(_Stored(solved), [*members, *clips.values()])
 
 
-def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> SolvedSystem:
+def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> Spanned:
     """Read a stored solution.
 
     Raises:
         AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds.
     """
-    solved: SolvedSystem = read_records(data, _RECORDS, [*members, *clips.values()])
-    found = [fold for fold, _ in (*solved.given_up, *((crease.fold, own) for crease, own in solved.spanned))]
-    if {id(each) for each in found} != {id(fold) for fold in members if fold.crosses}:
+    stored: _Stored = read_records(data, _RECORDS, [*members, *clips.values()])
+    if [id(crease.fold) for crease, _ in stored.spanned] != [id(fold) for fold in members if fold.crosses]:
         raise ValueError("its folds are others")
-    for crease, own in solved.spanned:
+    for crease, own in stored.spanned:
         if crease.shapes.shape[1:] != (len(crease.fold.free_vertices), 3) or [*own] != [*clips]:
             raise ValueError("its folds or clips are others")
         fitted = [*crease.swept, *own.values()]
         if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in fitted):
             raise ValueError("its weights are others")
-    return solved
+    return stored.spanned

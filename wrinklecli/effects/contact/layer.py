@@ -48,7 +48,7 @@ class ContactLayer:
     def effects(
         self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
     ) -> list[Effect]:
-        """Resolve the folds in clips. Wrinkles of folds that are given up are lowered."""
+        """Resolve the folds in clips. Wrinkles are lowered where contact cannot keep them apart."""
         # Imported here, as other bakes need none of it.
         from wrinklecli.effects.contact.sample import resolve_folds
 

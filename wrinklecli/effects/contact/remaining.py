@@ -2,8 +2,7 @@
 
 A pose with a fault has the weights of the last good one (`Crease.follow`). Where poses with a fault that follow each
 other cross more than the skin alone, they lose contact, or their wrinkles are lowered; contact that tears the surface
-is lost, too. All other poses keep what they have, and it fades between. A fold that is given up has no contact in any
-pose; its wrinkles are lowered alike.
+is lost, too. All other poses keep what they have, and it fades between.
 
 What fades, fades with the turn of the joint, and not with the time, as players know the turn alone.
 
@@ -21,7 +20,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.drive import Rows
 from wrinklecli.effects.contact.fold import FAINT, Fold, Poses
-from wrinklecli.effects.contact.given_up import TORN, WORSE
+from wrinklecli.effects.contact.pose_faults import TORN, WORSE
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
@@ -37,8 +36,6 @@ _LEAST = 2
 # Frames of a run, evenly spread, by which its state is chosen, at most, and likewise of those in which contact does
 # nothing: with all of a run, a sleeve that leaves no room took a quarter of the time of its clip.
 _LOOKS = 8
-# Moments of a clip at which crossings are counted in a fold without contact, evenly spread, at most.
-_MOMENTS = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,18 +129,6 @@ def shown_in(
     ]
     remaining = [_remaining(look, each, found, whole, low) for look, each, found in zip(looks, made, left, strict=True)]
     return Shown(tuple(made), Rows(times, low[:, None]), tuple(remaining))
-
-
-def heights_without(fold: Fold, clip: Clip) -> Rows:
-    """The parts of their height that the wrinkles of a fold without contact keep in a clip.
-
-    With these they cross no more than the skin alone.
-    """
-    times = distinct_values(np.linspace(clip.start, clip.end, _MOMENTS))
-    look, frames = _Look(fold, fold.raised, clip, times), np.arange(len(times))
-    bad = np.flatnonzero(look.worse(look.crossings(frames, 0.0, 1.0)))
-    _, low, _ = _faded([look], fold.strides(clip, times).T, bad, frames, {*range(len(times))})
-    return Rows(times, low[:, None])
 
 
 def _faded(

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from operator import call
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,21 +13,19 @@ from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
 from wrinklecli.drive.turned import TurnDrive
-from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, given_up_by, march_clip, resolve
+from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, march_clip, resolve
 from wrinklecli.effects.contact.effect import (
     MOST_APART,
     SECTION,
     ContactWords,
-    GivenUpWords,
     NonNegativeBasis,
     contact_effect,
 )
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 from wrinklecli.effects.contact.fold import Fold
-from wrinklecli.effects.contact.given_up import DEGENERATE, GivenUp, unless_degenerate
 from wrinklecli.effects.contact.hinge import Hinge
-from wrinklecli.effects.contact.kept import MOST_BYTES, SolvedSystem, read, solution_key, written
-from wrinklecli.effects.contact.remaining import Shown, heights_without, shown_in
+from wrinklecli.effects.contact.kept import MOST_BYTES, Spanned, read, solution_key, written
+from wrinklecli.effects.contact.remaining import Shown, shown_in
 from wrinklecli.effects.contact.system import (
     System,
     crossing_in_clips,
@@ -50,8 +48,6 @@ from wrinklecli.numeric.memory import leave_room, start_blas
 from wrinklecli.numeric.processes import in_processes
 
 _Value = TypeVar("_Value")
-# Folds that are solved together, with the weights of their shapes in clips, by the numbers of these.
-_Spanned: TypeAlias = Sequence[tuple[Crease, Mapping[int, Followed]]]
 
 # Poses of a clip, evenly spread, that shapes are made of.
 _CLIP_POSES = 16
@@ -77,8 +73,7 @@ def resolve_folds(
 ) -> list[Effect]:
     """Resolve folds and follow each clip, as `Layer.effects` does.
 
-    Frames are marched at their own times. A fold that cannot be resolved in every pose is given up, and the others go
-    on.
+    Frames are marched at their own times.
     """
     # Imported here, as other bakes need none of it.
     import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
@@ -93,12 +88,11 @@ def resolve_folds(
         kept = _KEPT * how.memory.left / at_once
         chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
         for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):
-            made += [_given_up(plan, fold, members, made, given_up, chosen) for fold, given_up in solved.given_up]
-            made += _followed(plan, solved.spanned, chosen, made, how.jobs)
+            made += _followed(plan, solved, chosen, made, how.jobs)
             done += len(members)
             how.progress("contact", done, len(folds))
     numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
-    for words in [each.words for each in made if isinstance(each.words, (ContactWords, GivenUpWords))]:
+    for words in [each.words for each in made if isinstance(each.words, ContactWords)]:
         for name in words.tools if words.heights else ():
             made[numbers[name]] = lowered_in_clips(made[numbers[name]], words.heights)
     return made
@@ -162,9 +156,9 @@ class _Clips:
         return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(folds, clip, self.fps)
 
 
-def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> Iterator[SolvedSystem]:
+def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> Iterator[Spanned]:
     """Find the systems that are kept, and resolve the others in so many processes."""
-    keys, known = list[str](), dict[int, SolvedSystem]()
+    keys, known = list[str](), dict[int, Spanned]()
     for number, members in enumerate(systems if is_kept() else ()):
         times = partial(clips.times_for, members)
         keys.append(solution_key(members, clips.moving, times, [clips.fps, clips.even]))
@@ -187,48 +181,25 @@ def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> 
             yield solved
 
 
-def _solved_system(members: list[Fold], *, clips: _Clips, jobs: int) -> SolvedSystem:
-    """Resolve the folds of a system, and solve and follow the clips.
-
-    The motions of the joints are solved before the clips, as these decide whether a fold is given up.
-    """
-    crossing = [fold for fold in members if fold.crosses]
-    # What all processes use is computed once.
-    ready = [fold for fold in crossing if unless_degenerate(partial(_collides, fold))]
-    given_up = [(fold, GivenUp(DEGENERATE)) for fold in crossing if not any(fold is each for each in ready)]
-    shared = [part for fold in ready for part in (fold, fold.tissue)]
-    motions = [partial(march_clip, fold, *each, sweep=True) for fold in ready for each in fold.hinge.sweeps]
-    found = iter([*in_processes(call, motions, jobs, shared=shared)])
-    sound: list[tuple[Fold, list[MarchedClip]]] = []
-    for fold in ready:
-        sweeps = [next(found) for _ in fold.hinge.sweeps]
-        reason = given_up_by(fold, sweeps)
-        if reason is None:
-            sound.append((fold, sweeps))
-        else:
-            given_up.append((fold, reason))
-    if not sound:
-        return SolvedSystem(given_up, [])
-    folds = [fold for fold, _ in sound]
-    system = System(tuple(folds), {n: (clip, clips.times_for(folds, clip)) for n, clip in clips.moving.items()})
+def _solved_system(members: list[Fold], *, clips: _Clips, jobs: int) -> Spanned:
+    """Solve the motions of a system's folds, and the clips; find shapes, and follow all of these."""
+    folds, spanned = tuple(fold for fold in members if fold.crosses), list[tuple[Crease, dict[int, Followed]]]()
+    if not folds:
+        return spanned
+    system = System(folds, {n: (clip, clips.times_for(folds, clip)) for n, clip in clips.moving.items()})
     size = sum(_VERTEX_BYTES * len(each.vertices) + _FREE_BYTES * len(each.free_vertices) for each in folds)
     frames = np.cumsum([len(times) for _, times in system.clips.values()])
     # Clips beyond these are solved again whenever they are asked for.
     kept = [*system.clips][: int(np.count_nonzero(frames * size <= clips.kept))]
-    work = [partial(march_clip, system.fold, *system.clips[number]) for number in kept]
-    system.kept.update(zip(kept, in_processes(call, work, jobs, shared=system.shared), strict=True))
-    spanned: list[tuple[Crease, dict[int, Followed]]] = []
-    for fold, sweeps in sound:
-        fit = unless_degenerate(partial(_spanned, fold, sweeps, spanned, system))
-        if fit is None:
-            return SolvedSystem([*given_up, *((fold, GivenUp(DEGENERATE)) for fold in folds)], [])
-        spanned.append(fit)
-    return SolvedSystem(given_up, spanned)
-
-
-def _collides(fold: Fold) -> bool:
-    """True if anything of a fold may touch."""
-    return fold.tissue.collides
+    motions = [partial(march_clip, fold, *each, sweep=True) for fold in folds for each in fold.hinge.sweeps]
+    # Clips take longest, so they are begun first.
+    work = [*(partial(march_clip, system.fold, *system.clips[number]) for number in kept), *motions]
+    solved = [*in_processes(call, work, jobs, shared=system.shared)]
+    system.kept.update(zip(kept, solved, strict=False))
+    sweeps = iter(solved[len(kept) :])
+    for fold in folds:
+        spanned.append(_spanned(fold, [next(sweeps) for _ in fold.hinge.sweeps], spanned, system))
+    return spanned
 
 
 def _free_count(members: Sequence[Fold]) -> int:
@@ -282,21 +253,6 @@ def _as_thick(folds: list[Fold]) -> list[Fold]:
     return [replace(fold, radius=radius) for fold in folds] if len(folds) > 1 else folds
 
 
-def _given_up(
-    plan: MeshPlan,
-    fold: Fold,
-    members: Sequence[Fold],
-    effects: Sequence[Effect],
-    given_up: GivenUp,
-    clips: _Clips,
-) -> Effect:
-    """The effect in place of that of a fold whose contact cannot be resolved, with others or alone."""
-    beside = tuple(name for each in members for name in each.tools if name not in fold.tools)
-    name = _identifier(plan, fold, effects)
-    heights = _lowered({number: heights_without(fold, clip) for number, clip in clips.moving.items()}, clips)
-    return Effect(name, SECTION, name, (), None, GivenUpWords(fold.tools, fold.joint, given_up, beside, heights))
-
-
 def _lowered(heights: Mapping[int, Rows], clips: _Clips) -> dict[str, Rows]:
     """The heights of wrinkles that are lowered, by the names of clips."""
     return clips.by_name({first: each for first, each in heights.items() if (each.weights < 1.0).any()})
@@ -304,14 +260,12 @@ def _lowered(heights: Mapping[int, Rows], clips: _Clips) -> dict[str, Rows]:
 
 def _followed(
     plan: MeshPlan,
-    spanned: _Spanned,
+    spanned: Spanned,
     clips: _Clips,
     effects: Sequence[Effect],
     jobs: int,
 ) -> list[Effect]:
     """The effects of folds that are solved together, on top of earlier ones."""
-    # Nothing touches where a fold that clips alone cross has no shapes.
-    spanned = [(crease, followed) for crease, followed in spanned if len(crease.shapes)]
     creases, firsts = [crease for crease, _ in spanned], [*spanned[0][1]] if spanned else []
     before = [each.words for each in effects if isinstance(each.words, ContactWords)]
     work = list[Callable[[], Shown]]()
@@ -335,12 +289,14 @@ def _followed(
             player_errors=clips.by_name(errors),
             heights=heights,
         )
-        made.append(_effect(plan, words, [*effects, *made]))
+        # Nothing touches where a fold that clips alone cross has no shapes.
+        if len(crease.shapes) or words.remaining:
+            made.append(_effect(plan, words, [*effects, *made]))
     return made
 
 
 def _spanned(
-    fold: Fold, sweeps: Sequence[MarchedClip], before: _Spanned, system: System
+    fold: Fold, sweeps: Sequence[MarchedClip], before: Spanned, system: System
 ) -> tuple[Crease, dict[int, Followed]]:
     """Find the fewest shapes for solved sweeps and clips, and the weights that follow the clips."""
 
@@ -391,6 +347,9 @@ def _some(frames: Sequence[int]) -> list[int]:
 def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:
     """The effect of a fold."""
     crease = words.crease
+    name = _identifier(plan, crease.fold, effects)
+    if not len(crease.shapes):
+        return Effect(name, SECTION, name, (), None, words)
     basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(
         plan.fine,
@@ -400,7 +359,7 @@ def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> E
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
         folded=True,
     )
-    name, mixed = _identifier(plan, crease.fold, effects), _in_basis(basis, shapes)
+    mixed = _in_basis(basis, shapes)
     columns = [number for number, shape in enumerate(mixed) if shape is not None]
     return contact_effect(words, name, basis, columns, named_targets(name, mixed))
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.fold import REACH_RADII, Fold
-from wrinklecli.effects.contact.given_up import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, unless_degenerate
 from wrinklecli.effects.contact.hinge import STRIDE
 from wrinklecli.effects.contact.march import march
+from wrinklecli.effects.contact.pose_faults import DEGENERATE, TOO_MANY_STEPS, TORN, UNSETTLED, unless_degenerate
 from wrinklecli.effects.contact.response import Response
 from wrinklecli.effects.contact.tissue import UNITS, SkinnedPose, SolverState, Tissue
 from wrinklecli.frozen import dataclass

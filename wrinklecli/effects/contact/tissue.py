@@ -112,11 +112,12 @@ class Tissue:
         """The attributes: what is computed from them is computed again in another process."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
-    @property
-    def collides(self) -> bool:
-        """True if anything may touch. Then all is computed that its processes have in common."""
-        _ = self.mesh, self.barrier, self.pressures, self._crossings, self._tearing
-        return bool(self.colliding.any())
+    def ready(self) -> "Tissue":
+        """A copy in which nothing that touches at rest collides, with all that is computed once."""
+        found = self.without_touching()
+        found = found if self.own.all() else found.without_close_meshes()
+        _ = found.mesh, found.barrier, found.pressures, found._crossings, found._tearing
+        return found
 
     def without_close_meshes(self) -> "Tissue":
         """A copy in which triangles of other meshes that lie on the surface at rest never collide."""

@@ -1,16 +1,13 @@
-"""Folds that are given up: why contact cannot be resolved in them, and where this showed.
+"""The reasons why contact does not count in a pose: clauses about contact.
 
 A surface that the solver leaves early, or that it pulls apart, is worse than one that passes through itself. So such a
-pose does not count: see module `remaining` for what is shown there. A fold in whose own motion no pose counts beyond
-30° gets no contact at all.
+pose does not count: see module `remaining` for what is shown there.
 """
 
 from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-
-from wrinklecli.frozen import dataclass
 
 _Result = TypeVar("_Result")
 
@@ -25,19 +22,6 @@ DEGENERATE = "cannot be computed, as the surface is degenerate, or touches itsel
 
 WORSE = "would leave more crossings than the skin alone"
 """The surface crosses more than with wrinkles alone, or more beneath them than the skin."""
-
-
-@dataclass(frozen=True, slots=True)
-class GivenUp:
-    """The reason why a fold gets no contact, and the first pose in which it showed.
-
-    Attributes:
-        reason: A clause about contact, such as `UNSETTLED`.
-        degrees: Turn of the joint there, if a joint bends the fold.
-    """
-
-    reason: str
-    degrees: float | None = None
 
 
 def unless_degenerate(work: Callable[[], _Result]) -> _Result | None:
