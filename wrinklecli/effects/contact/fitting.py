@@ -4,13 +4,13 @@ Shapes with the least mean error may still cross where surfaces touch, as a smal
 there get more weight, and the shapes are fitted again. Touching vertices may be opened further, hidden in the fold.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from wrinklecli.effects.contact.solution import Solution
-from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.numeric.reduction import project, weighted_basis
 
 MOST_WEIGHT = 1.5
@@ -25,8 +25,6 @@ _TRIES = 8
 _STALLED = 3
 # Factor on the weight of such an error.
 _MORE = 3.0
-# A number of shapes is given up if more than this fraction of the poses that were wrong is still wrong after a fit.
-_HOPELESS = 0.7
 
 
 def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: int = 1) -> tuple[Floats, Floats, int]:
@@ -45,104 +43,72 @@ def fit_poses(solved: Sequence[Solution], *, share: float, most: int, fewest: in
     bound = share * max(each.greatest_move for each in solved)
     # No shapes give back the volume that contact itself takes away.
     allowed = max(MOST_LOST, *(abs(each.volume_change(each.moved)) for each in solved))
-    most = min(most, len(solved))
-    enough, found, known = most, None, _Known.of(solved)
-    fewest = min(fewest, most)
+    enough = most = min(most, len(solved))
+    fewest, found = min(fewest, most), None
+    # Each fit begins with the weights of errors that others have led to.
+    shares = np.stack([each.error_weights for each in solved])
+    limit = _MORE**_TRIES * shares
     # More shapes hardly ever do worse, so the range in which the fewest lie is halved.
     while found is None or fewest < enough:
         count = (fewest + enough) // 2
-        fit = _fitted(solved, count, known, bound=bound, allowed=allowed, last=count == most)
-        if fit is None:
-            fewest = count + 1
+        best = _fitted(solved, count, shares, limit, bound=np.inf if count == most else bound, allowed=allowed)
+        if count == most or best.bad == 0:
+            found, enough = best, count
         else:
-            found, enough = fit, count
-    return found
+            fewest = count + 1
+    return found.weights, found.shapes, found.bad
 
 
-@dataclass(slots=True)
-class _Known:
-    """A fit begins from this: the weights and the poses that fits of other numbers of shapes have found.
+class _Fit(NamedTuple):
+    """Shapes with weights; fits are the better, the fewer poses are bad, and the less volume they lose.
 
     Attributes:
-        shares: (poses, free) weights of squared errors: those at vertices that crossed, or were far off, have grown.
-        limit: (poses, free) their greatest values.
-        crossed: Numbers of the poses with such vertices; none before the first fit.
+        bad: Number of poses that cross, or are further off than a bound.
+        lost: Greatest volume that is lost beyond what may be.
+        weights: (poses, shapes).
+        shapes: (shapes, free, 3).
     """
 
-    shares: Floats
-    limit: Floats
-    crossed: set[int]
-
-    @classmethod
-    def of(cls, solved: Sequence[Solution]) -> "_Known":
-        """Know nothing."""
-        shares = np.stack([each.error_weights for each in solved])
-        return cls(shares, _MORE**_TRIES * shares, set())
-
-    def add(self, found: Mapping[int, Bools]) -> None:
-        """Let (free,) vertices of some poses count more."""
-        self.crossed |= found.keys()
-        for number, marked in found.items():
-            raised = _MORE * self.shares[number, marked]
-            self.shares[number, marked] = np.minimum(raised, self.limit[number, marked])
+    bad: int
+    lost: float
+    weights: Floats
+    shapes: Floats
 
 
 def _fitted(
-    solved: Sequence[Solution], count: int, known: _Known, *, bound: float, allowed: float, last: bool
-) -> tuple[Floats, Floats, int] | None:
-    """Fit a `count` of shapes; None if they are not right in every pose.
+    solved: Sequence[Solution], count: int, shares: Floats, limit: Floats, *, bound: float, allowed: float
+) -> _Fit:
+    """The best of some fits of a `count` of shapes; the next has more weight on the errors of the one before.
 
-    Errors may reach a `bound`, solver's units, and losses of volume be as great as `allowed`. If this is the `last`
-    count that may be tried, the best fit counts. The rest is as in `fit_poses`.
+    Errors may reach a `bound`, solver's units, and losses of volume be as great as `allowed`. `shares` are the (poses,
+    free) weights of squared errors, which grow up to a `limit`.
     """
-    wanted, every = np.stack([each.moved for each in solved]), np.arange(len(solved))
-    tries: list[tuple[int, float, Floats, Floats]] = []
-    # The other poses are checked only if all may be right or, in the end, if no try was better.
-    suspects = np.array(sorted(known.crossed) or every, np.intp)
-    before, stalled = len(every), 0
-    for _ in range(_TRIES):
-        weights, shapes = weighted_basis(wanted, known.shares, count)
+    wanted, tries = np.stack([each.moved for each in solved]), list[_Fit]()
+    while len(tries) < _TRIES and not _stalled([each.bad for each in tries]):
+        weights, shapes = weighted_basis(wanted, shares, count)
         made = [combined(row, shapes) for row in weights]
-        wrong = {} if last else _wrong(solved, made, bound)
-        crossing = _crossing(solved, made, suspects)
-        best = min((crossings for crossings, *_ in tries), default=len(every) if last else 0)
-        if len(crossing) <= best and not wrong:
-            crossing |= _crossing(solved, made, np.setdiff1d(every, suspects))
-            lost = max(abs(each.volume_change(moved)) for each, moved in zip(solved, made, strict=True))
-            if not crossing and lost <= allowed:
-                return weights, shapes, 0
-            if last:
-                tries.append((len(crossing), max(lost, allowed), weights, shapes))
-        bad = len(crossing.keys() | wrong.keys())
-        known.add(crossing)
-        known.add(wrong)
-        hopeless = not last and bad > _HOPELESS * before
-        stalled, before = (0, bad) if bad < before else (stalled + 1, before)
-        if not bad or hopeless or stalled == _STALLED:
+        marks = np.stack([_marked(each, moved, bound) for each, moved in zip(solved, made, strict=True)])
+        lost = max(abs(each.volume_change(moved)) for each, moved in zip(solved, made, strict=True))
+        tries.append(_Fit(int(marks.any(axis=1).sum()) or int(lost > allowed), max(lost, allowed), weights, shapes))
+        if not marks.any():
             break
-        suspects = np.array(sorted(crossing), np.intp)
+        shares[marks] = np.minimum(_MORE * shares, limit)[marks]
         wanted = np.stack([each.opened(moved) for each, moved in zip(solved, made, strict=True)])
-    if not tries:
-        return None
-    crossings, _, weights, shapes = min(tries, key=lambda each: each[:2])
-    return weights, shapes, crossings
+    return min(tries, key=lambda each: each[:2])
 
 
-def _wrong(solved: Sequence[Solution], made: Sequence[Floats], bound: float) -> dict[int, Bools]:
-    """The poses in which a fit is further off than a bound, solver's units, and the (free,) vertices.
+def _stalled(counts: Sequence[int]) -> bool:
+    """True if the last tries leave no fewer crossings than those before."""
+    return len(counts) > _STALLED and min(counts[-_STALLED:]) >= min(counts[:-_STALLED])
 
-    Neighbouring vertices count too; otherwise the shapes become jagged.
+
+def _marked(found: Solution, moved: Floats, bound: float) -> Bools:
+    """(free,) vertices of a pose that cross in a fit, or are further off than a bound, solver's units.
+
+    Neighbours of the latter count too; otherwise the shapes become jagged.
     """
-    further = {
-        number: each.errors(moved) > bound for number, (each, moved) in enumerate(zip(solved, made, strict=True))
-    }
-    return {number: solved[number].with_neighbours(marked) for number, marked in further.items() if marked.any()}
-
-
-def _crossing(solved: Sequence[Solution], made: Sequence[Floats], numbers: Ints) -> dict[int, Bools]:
-    """The poses, among some, in which a fit crosses, and the (free,) vertices that do."""
-    every = {number: solved[number].crossing(made[number]) for number in numbers.tolist()}
-    return {number: marked for number, marked in every.items() if marked.any()}
+    far = found.errors(moved) > bound
+    return found.crossing(moved) | (found.with_neighbours(far) if far.any() else far)
 
 
 def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
@@ -166,8 +132,7 @@ def fit_pose(found: Solution, shapes: Floats) -> tuple[Floats, bool]:
         if not marked.any():
             return weights, False
         tries.append((int(marked.sum()), weights))
-        counts = [count for count, _ in tries]
-        if len(counts) > _STALLED and min(counts[-_STALLED:]) >= min(counts[:-_STALLED]):
+        if _stalled([count for count, _ in tries]):
             break
         shares[marked] *= _MORE
         wanted = found.opened(moved)
