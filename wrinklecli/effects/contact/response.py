@@ -197,7 +197,7 @@ class Response:
         system[np.diag_indices(count)] += 1.0
         moved = along.T @ (gains @ contacts.forces - contacts.off).reshape(-1)
         # First the contacts without pressure and under each unit of it, then the pressures.
-        found = _solved(system, hessian @ np.column_stack([-moved, given_along]))
+        found = np.linalg.solve(system, hessian @ np.column_stack([-moved, given_along]))
         alone, under = found[:, 0], found[:, 1:]
         across = np.tensordot(volume.gradients, volume.moves, axes=((1, 2), (1, 2)))
         pressures = np.linalg.solve(
@@ -223,23 +223,6 @@ class Response:
             grown[:, columns] = found
             grown[columns] = found.T
         self._gains = grown
-
-
-def _solved(system: Floats, right: Floats) -> Floats:
-    """(n, columns) solutions of an (n, n) system, which is overwritten: a copy of it takes a third as long again.
-
-    Raises:
-        LinAlgError: The system is singular.
-    """
-    from scipy.linalg import lapack
-
-    if not len(system):
-        return np.zeros_like(right)
-    # LAPACK stores columns one after another, and finds the transpose.
-    factors, pivots, zero = lapack.dgetrf(system.T, overwrite_a=True)
-    if zero:
-        raise np.linalg.LinAlgError("a system of contacts is singular")
-    return np.asarray(lapack.dgetrs(factors, pivots, right, trans=1)[0])
 
 
 def _held_directions(hessian: Any, gains: Floats) -> tuple[Ints, Floats]:

@@ -75,9 +75,6 @@ def resolve_folds(
 
     Frames are marched at their own times.
     """
-    # Imported here, as other bakes need none of it.
-    import scipy.linalg  # noqa: F401  # has a BLAS of its own, which is to run one thread
-
     made, done = list(effects), 0
     start_blas()
     leave_room(_ROOM)
