@@ -20,6 +20,7 @@ FORGERIES: list[Callable[[str], str]] = [
     lambda _: "{}",
     lambda _: "[" * 100_000,
     lambda _: "[]",
+    lambda _: '{"_Stored": [[]]}',
     lambda text: text[:-1],
     lambda text: text.replace('{"known": 0}', '{"known": 9}'),
     lambda text: text.replace('{"Crease"', '{"Fold"'),

@@ -311,8 +311,8 @@ def _spanned(
         chosen += solved.poses(_some(solved.touching))
     found: list[tuple[Crease, dict[int, Followed], tuple[int, int]]] = []
     for _ in range(_ROUNDS):
-        # More poses hardly ever need fewer shapes.
-        fewest = max((len(each.shapes) for each, *_ in found), default=1)
+        # More poses hardly ever need fewer shapes, and those of a fit may be too few for weights of each pose alone.
+        fewest = max((1 + len(each.shapes) for each, *_ in found), default=1)
         crease = resolve(fold, chosen, sweeps, fewest=fewest)
         chosen += [
             pose
