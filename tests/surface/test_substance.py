@@ -108,13 +108,14 @@ def test_the_plain_grey_of_a_palette_says_nothing() -> None:
     [
         (["Bip01-Spine_5", "BN_Tail_01_32", "Bip01-L-Finger0_16"], True),
         (["body", "wing_1.L", "foot.L"], True),
+        (["spine.004", "front_thigh.L", "f_index.01.L", "thigh.L"], True),
         (["J_Bip_C_Hips", "J_Sec_Tail1", "J_Bip_L_Thumb1"], False),
         (["mixamorig:Spine", "WingLeft", "mixamorig:LeftHandThumb1"], False),
         (["全ての親", "尾1"], True),
         (["swinger", "detail", "foot.L"], False),
     ],
 )
-def test_animals_have_tails_or_wings_and_no_thumbs(names: list[str], animal: bool) -> None:
+def test_animals_have_tails_wings_or_front_legs_and_no_thumbs(names: list[str], animal: bool) -> None:
     asset = limb_asset(rings=4, sides=3, joints=len(names))
     for joint, name in zip(asset.gltf["skins"][0]["joints"], names, strict=True):
         asset.gltf["nodes"][joint]["name"] = name

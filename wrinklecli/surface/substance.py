@@ -57,7 +57,8 @@ _JAPANESE: dict[SubstanceKind, str] = {
     "skin": "肌|皮膚",
 }
 # Words of joints that people lack, and of one that animals lack: a cat girl and an angel have it, too.
-_BEASTLY, _HUMAN = re.compile(r"\b(tail|wing)\b|尾|翼"), re.compile(r"thumb|親指")
+_BEASTLY = re.compile(r"\b(tail|wing|paw|hoof|(front|hind) ?(thigh|leg|foot|paw)|fore ?leg)\b|尾|翼")
+_HUMAN = re.compile(r"thumb|親指")
 # Least metallic factor of a metal. Dirty metal, and cloth woven with wire, have less, and all materials that Blender
 # reads from FBX have what FBX calls reflection: 0.4 or 0.5.
 _METALLIC = 0.75
@@ -489,7 +490,7 @@ def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | 
 
 
 def is_animal(rig: Rig) -> bool:
-    """True if a rig has a tail or wings, and no thumb."""
+    """True if a rig has a tail, wings or front legs, and no thumb."""
     names = [words_of(rig.names[joint]) for joint in rig.joints.tolist()]
     return any(map(_BEASTLY.search, names)) and not any(map(_HUMAN.search, names))
 
