@@ -38,6 +38,7 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
+from itertools import compress
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
@@ -58,7 +59,7 @@ from wrinklecli.drive.stored import (
     stored,
     strengths_json,
 )
-from wrinklecli.drive.table import BaseDrive, Response, Weights, read_table, split
+from wrinklecli.drive.table import BaseDrive, BellyTable, Response, Table, Weights, read_table, split
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.tools.records import Lag
@@ -196,6 +197,17 @@ class Drive(BaseDrive):
             return split(interpolated(reading.times, found.times, found.weights), self.lows)
         strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
         return split(strength * (self.response if response is None else response).weights(reading), self.lows)
+
+    def of_targets(self, kept: Bools) -> "Drive":
+        """The drive of some of its (targets,) alone; further ones of `lows` stay with those whose place they take."""
+        assert isinstance(self.response, Table | BellyTable)
+        highs = kept[: len(kept) if self.lows is None else len(self.lows)]
+        return replace(
+            self,
+            targets=tuple(compress(self.targets, kept)),
+            response=self.response.mapped(lambda weights: weights[..., highs]),
+            lows=None if self.lows is None else self.lows[highs],
+        )
 
     def breaks(self, clip: Clip) -> Floats:
         """(times,) seconds of a clip at which the weights may have corners, besides the clip's own keys."""

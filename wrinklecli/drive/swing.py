@@ -24,8 +24,9 @@ Differs: each step has a closed form, so springs of any frequency stay stable, a
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.stored import MOST_KEPT, Json, read_number, read_numbers, read_spring, stored
 from wrinklecli.drive.table import BaseDrive
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Floats, determinants, distinct_values
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
 from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.monotone import divided, slopes
@@ -114,6 +115,11 @@ class SwingDrive(BaseDrive):
     def nodes(self) -> frozenset[int]:
         """The nodes whose matrices the drive needs."""
         return frozenset({self.node})
+
+    def of_targets(self, kept: Bools) -> "SwingDrive":
+        """The drive of some of its (targets,) alone, the last among them."""
+        modes = tuple(compress(self.modes, kept))
+        return replace(self, modes=modes, targets=tuple(compress(self.targets, kept)))
 
     def carried(self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None) -> Carried:
         """The joint at (frames,) seconds of a clip, or in the stored pose; `known` is as in `node_rows`."""

@@ -6,7 +6,7 @@ Module `effects.wrinkle.lookup` makes those of a control curve.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -78,6 +78,10 @@ class BaseDrive(ABC):
     def measures(self) -> bool:
         """True if it sets weights in clips of other files, too."""
         return True
+
+    @abstractmethod
+    def of_targets(self, kept: Bools) -> Self:
+        """The drive without those of its (targets,) that move nothing, which go with their weights."""
 
     @abstractmethod
     def reader(self, rig: Rig, clip: Clip | None) -> Callable[[Floats, dict[int, Floats]], Any]:
@@ -204,6 +208,10 @@ class BellyTable:
         """(frames, targets) weights at the measurements of a muscle."""
         gains = np.where(reading.active, np.interp(reading.rows, self.rows, self.gains), 0.0)
         return np.asarray(gains[:, None] * interpolated(reading.ends.rows, self.rows, self.table))
+
+    def mapped(self, change: Callable[[Floats], Floats]) -> "BellyTable":
+        """The table with other weights: `change` maps (rows, …) weights to those of other targets."""
+        return replace(self, table=change(self.table))
 
     def to_json(self) -> Json:
         """The rows as extras store them."""

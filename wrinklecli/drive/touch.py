@@ -36,8 +36,9 @@ seconds at which the tip lets go. One that travels has its `spacing`, and in `ro
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import partial
+from itertools import compress
 from typing import ClassVar, Self
 
 import numpy as np
@@ -155,6 +156,15 @@ class TouchDrive(BaseDrive):
     def slides(self) -> tuple[int, ...]:
         """Numbers, among slides forward, sideways, back and to the other side, and the dent, of those with a target."""
         return IN_ROW if len(self.places) > 1 else EVERY
+
+    def of_targets(self, kept: Bools) -> "TouchDrive":
+        """The drive of some of its (targets,) alone, all slides and bends among them: windows may move nothing."""
+        places, end = [], 0
+        for place in self.places:
+            first = end + len(self.slides)
+            end = first + len(place.windows)
+            places.append(replace(place, windows=place.windows[kept[first:end]]))
+        return replace(self, places=tuple(places), targets=tuple(compress(self.targets, kept)))
 
     @property
     def length(self) -> float:

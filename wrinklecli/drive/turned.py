@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import partial
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -69,15 +70,15 @@ class TurnDrive(BaseDrive):
             return f"{self.name} stays flat, as its strength is 0 in this clip"
         return f"{self.name} stays flat, as none of its joints turns far enough"
 
-    def of_targets(self, kept: Bools, names: tuple[str, ...]) -> "TurnDrive":
-        """The drive of some of its (targets,) alone, by their new names; turns without any are left out."""
+    def of_targets(self, kept: Bools) -> "TurnDrive":
+        """The drive of some of its (targets,) alone; turns without any are left out."""
         ends = np.cumsum([table.table.shape[1] for _, table in self.turns])[:-1]
         turns = tuple(
             (signal, replace(table, table=table.table[:, flags]))
             for (signal, table), flags in zip(self.turns, np.split(kept, ends), strict=True)
             if flags.any()
         )
-        return replace(self, turns=turns, targets=names)
+        return replace(self, turns=turns, targets=tuple(compress(self.targets, kept)))
 
     def weaker(self, factor: float) -> "TurnDrive":
         """The drive with weights divided by a factor."""

@@ -14,7 +14,7 @@ from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.effect import VISIBLE, Effect, MeshPlan, SamplingOptions, Seen, Words, named_targets
+from wrinklecli.effects.effect import VISIBLE, Effect, MeshPlan, SamplingOptions, Seen, Words, driven_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
@@ -40,11 +40,15 @@ AttachedType = TypeVar("AttachedType", bound=AttachedBody)
 
 
 def body_effect(attached: AttachedBody, shapes: Sequence[Shape | None], words: Words) -> Effect:
-    """The effect of a muscle, a region or a touch, with such shapes."""
-    tool = attached.tool
-    return Effect(
-        tool.name, tool.section, tool.identifier, named_targets(tool.identifier, shapes), attached.drive, words
-    )
+    """The effect of a muscle, a region, a touch or a field, with such shapes.
+
+    Targets have the names by which the drive, and the anchors of effects after it, know them.
+    """
+    tool, drive = attached.tool, attached.drive
+    targets = driven_targets(drive.targets, shapes)
+    if len(targets) < len(shapes):
+        drive = drive.of_targets(np.array([shape is not None for shape in shapes]))
+    return Effect(tool.name, tool.section, tool.identifier, targets, drive, words)
 
 
 @dataclass(frozen=True, slots=True)

@@ -461,6 +461,12 @@ def named_targets(identifier: str, shapes: Iterable[Shape | None]) -> tuple[Targ
     )
 
 
+def driven_targets(names: Iterable[str], shapes: Iterable[Shape | None]) -> tuple[Target, ...]:
+    """Targets for the shapes that there are, by the names that a drive has for all."""
+    named = enumerate(zip(names, shapes, strict=True))
+    return tuple(Target(name, shape, number) for number, (name, shape) in named if shape is not None)
+
+
 def targets_of(effects: Iterable[Effect]) -> tuple[Target, ...]:
     """The morph targets of all effects, in order."""
     return tuple(target for each in effects for target in each.targets)

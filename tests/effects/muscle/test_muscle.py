@@ -19,6 +19,7 @@ from kit.player import Gltf, anchor_distances
 from wrinklecli.baking.track import track
 from wrinklecli.drive.table import TABLE_ERROR
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, LONGEST, SHORTEST, ConstantVolume
+from wrinklecli.errors import BakeError
 from wrinklecli.tools.body import THICKNESS
 
 ARM = cache(arm)
@@ -40,6 +41,17 @@ def flexed(*tools: Json, engine: str | None = None, **keys: Any) -> Gltf:
 def drive_of(file: Gltf) -> Json:
     (found,) = file.json["nodes"][file.node("limb")]["extras"]["wrinkle"]["muscles"]
     return found
+
+
+def test_a_part_of_the_travel_above_no_vertex_is_left_out() -> None:
+    """Its target goes with its weights, and the others keep their names."""
+    file = bake_once(arm(rings=4, sides=5), top={"muscles": [muscle(travel=True)]}, max_levels=0)
+    found = drive_of(file)
+    assert found["targets"] == ["wrinkle_biceps_1", "wrinkle_biceps_2", "wrinkle_biceps_4"]
+    assert [len(found["lows"]), len(found["weights"][0])] == [2, 2]
+    assert file.json["meshes"][0]["extras"]["targetNames"] == found["targets"]
+    with pytest.raises(BakeError, match="no vertex lies above it"):
+        bake_once(arm(rings=3, sides=4), top={"muscles": [muscle(travel=True)]}, max_levels=0)
 
 
 @pytest.mark.parametrize("tendons", [0.0, 0.2, 0.7])

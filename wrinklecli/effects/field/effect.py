@@ -9,7 +9,7 @@ import numpy as np
 from wrinklecli.character.pose import Pose
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.body import BodyWords, body_effect, largest_moves, moves_at_rest
-from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, driven_targets
 from wrinklecli.effects.field.attach import AttachedField, drive_of
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes, summed
@@ -41,10 +41,8 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         else [],
         middles=middles,
     )
-    kept = np.array([shape is not None for shape in shapes])
-    words = FieldWords(attached, deltas, moves[kept])
-    found = body_effect(attached, shapes, words)
-    return replace(found, drive=attached.drive.of_targets(kept, found.target_names), remixes=words, add_up=True)
+    words = FieldWords(attached, deltas, moves[[shape is not None for shape in shapes]])
+    return replace(body_effect(attached, shapes, words), remixes=words, add_up=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +80,10 @@ class FieldWords(BodyWords[AttachedField], Remixes):
             own = [target for target in effect.targets if row[target.number]]
             shapes.append(summed([each.shape for each in own], row[[each.number for each in own]]) if own else None)
         there = np.array([shape is not None for shape in shapes])
-        targets = named_targets(effect.identifier, shapes)
+        targets = driven_targets(fewer.drive.targets, shapes)
         made = replace(fewer.drive, strength=drive.strength, strengths=drive.strengths)
         words = FieldWords(fewer, np.tensordot(mix, self.deltas, axes=1), np.tensordot(mix, self.moves, axes=1))
-        played = made.of_targets(there, tuple(each.name for each in targets))
+        played = made.of_targets(there)
         return replace(effect, targets=targets, drive=played, words=words, remixes=words)
 
     def values(self, names: Sequence[str]) -> Json:

@@ -14,7 +14,7 @@ from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shap
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
 from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
 from wrinklecli.effects.muscle.volume import SHORTEST
-from wrinklecli.errors import BakeError, listed
+from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
@@ -206,17 +206,20 @@ class MuscleLayer(BodyLayer[AttachedMuscle]):
     def effect(self, plan: MeshPlan, attached: AttachedMuscle, deltas: Floats) -> Effect:
         """The effect of one muscle.
 
-        Raises:
-            BakeError: So few vertices lie above it that a part of its travel moves none.
+        Parts of its travel with few vertices above them may move none.
         """
         response = attached.response
         flexed = np.linspace(len(response.mix) - 1, 0, min(_FIT_KNOTS, len(response.mix))).astype(int)
         rows = split(np.vstack([response.mix[flexed], response.thinnest]), response.lows)
         shapes = body_shapes(plan, deltas, rows)
-        if any(each is None for each in shapes):
-            fault = "too few vertices lie above it for a belly that travels; `travel: false` has it bulge in place"
-            raise BakeError(fault, where=attached.tool.place("travel"))
-        return replace(body_effect(attached, shapes, self.words(plan, attached, deltas)), exact=response)
+        moving = np.array([each is not None for each in shapes])
+        # A target and the further one that takes its place below 0 go together.
+        negative, count = np.flatnonzero(response.lows), len(response.lows)
+        moving[negative] &= moving[count:]
+        moving[count:] = moving[negative]
+        shapes = [shape if moves else None for shape, moves in zip(shapes, moving, strict=True)]
+        found = body_effect(attached, shapes, self.words(plan, attached, deltas))
+        return replace(found, exact=response.of_targets(moving[:count]))
 
     def warnings(self, _plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         """A line if there is no clip; with clips, each muscle speaks for itself."""

@@ -136,7 +136,7 @@ def heights_along(belly: Belly, knots: Floats, gains: Floats, along: Floats) -> 
     """
     start, length = belly.tendons / 2.0, belly.span - belly.tendons
     profiles = [spindle(along, start, each) for each in (length / knots**2).tolist()]
-    return belly.thickness * (gains[:, None] * np.reshape(profiles, (-1, len(along))))
+    return belly.thickness * (gains[:, None] * np.reshape(profiles, (len(gains), len(along))))
 
 
 class Skin(NamedTuple):

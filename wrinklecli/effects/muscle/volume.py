@@ -8,12 +8,14 @@ Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005, o
 the activation takes a part of the belly's length, not of the tendons', which may be short.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from wrinklecli.drive.segment import Contraction, Lengths
 from wrinklecli.drive.table import ROWS, BellyTable, Table
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
+from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, interpolated
 
 ACTIVATION = 0.2
 """Part of the belly's rest length by which a full activation shortens it while its ends stay. Measured in men who pull
@@ -57,6 +59,10 @@ class ConstantVolume:
     def lows(self) -> Floats:
         """(targets,) sizes of the weights below 0: see `split`. Some engines take none such."""
         return np.maximum(-self.thinnest, 0.0)
+
+    def of_targets(self, kept: Bools) -> "ConstantVolume":
+        """The response of some of its (targets,) alone."""
+        return replace(self, mix=self.mix[:, kept])
 
     def shares(self, distances: Floats) -> Floats:
         """(frames,) belly lengths over that at rest, at (frames,) distances of the ends, activation taken off."""

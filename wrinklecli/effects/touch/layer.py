@@ -1,7 +1,6 @@
 """Touches on a mesh: attached at rest, carried by the refined surface, with the effect and the words of each."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -32,14 +31,7 @@ def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: 
 
     Its normals are fitted at (rows, targets) weights. Windows of rings that move no vertex have no target.
     """
-    drive, shapes = attached.drive, body_shapes(plan, deltas, rows)
-    left, places = list(shapes), []
-    for place in drive.places:
-        first, end = len(drive.slides), len(drive.slides) + len(place.windows)
-        places.append(replace(place, windows=place.windows[[shape is not None for shape in left[first:end]]]))
-        left = left[end:]
-    found = body_effect(attached, shapes, TouchWords(attached, deltas))
-    return replace(found, drive=replace(drive, places=tuple(places), targets=found.target_names))
+    return body_effect(attached, body_shapes(plan, deltas, rows), TouchWords(attached, deltas))
 
 
 class TouchWords(BodyWords[AttachedTouch]):
