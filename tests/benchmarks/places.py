@@ -13,6 +13,8 @@ A row of two fields, left and right, has the merits of the one that scores less:
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
 width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
+What is proposed has at least a chance to be kept that follows from this: each character left out in turn, four of five
+proposals, tools and fields together, are kept where the looks agree.
 
 A row of wanted.csv is a place that an artist wants on a character, left and right alike, and the tool or the field that
 `suggest` proposes there.
@@ -53,6 +55,8 @@ BUILT = "sheet"
 FIELD = "field "
 # Digits of a weight: merits have three.
 DIGITS = 3
+# Part of what is proposed that should be kept.
+ASKED = 0.8
 
 Floats = NDArray[np.float64]
 
@@ -163,14 +167,32 @@ def commonest(places: Places) -> float:
     return float(np.bincount(places.verdicts.ravel()).max() / places.verdicts.size)
 
 
-def proposed(places: Places, chances: Floats) -> tuple[list[float], float]:
+def agreed(places: Places) -> NDArray[np.bool_]:
+    """(places,) True where the looks agree."""
+    found: NDArray[np.bool_] = places.verdicts[:, 0] == places.verdicts[:, 1]
+    return found
+
+
+def least_of(places: Places, chances: Floats) -> float:
+    """The least chance, in hundredths, from which on as much as `ASKED` is kept of the places where the looks agree."""
+    asked = (places.counted | places.fields) & agreed(places)
+    found = 1.0
+    for least in np.arange(99, 0, -1) / 100:
+        chosen = places.verdicts[asked & (chances[:, 1] >= least)]
+        if len(chosen) and np.mean(chosen == 2) < ASKED:
+            break
+        found = float(least)
+    return found
+
+
+def proposed(places: Places, chances: Floats, least: float) -> tuple[list[float], float]:
     """The numbers of places that are proposed, to keep, weak and to delete; and the part of those to keep that are."""
-    chosen, whole = places.verdicts[chances[:, 1] >= 0.5], places.verdicts
+    chosen, whole = places.verdicts[chances[:, 1] >= least], places.verdicts
     counts = [float(np.sum(chosen == verdict)) / len(LOOKS) for verdict in (2, 1, 0)]
     return counts, float(np.sum(chosen == 2) / np.sum(whole == 2))
 
 
-def report(places: Places, chances: Floats) -> str:
+def report(places: Places, chances: Floats, least: float) -> str:
     """A text that says how often chances are right."""
     apart = np.abs(places.verdicts[:, 0] - places.verdicts[:, 1])
     lines = [
@@ -178,10 +200,11 @@ def report(places: Places, chances: Floats) -> str:
         f"the looks agree on {100 * np.mean(apart == 0):.1f} %, and are opposite on {np.sum(apart == 2)} places",
         f"right {100 * right(places, chances):.1f} %; the commonest verdict {100 * commonest(places):.1f} %",
     ]
-    for name, chosen in (("all", apart >= 0), ("where the looks agree", apart == 0)):
-        (keep, weak, delete), found = proposed(places.only(chosen), chances[chosen])
+    for name, chosen in (("all", apart >= 0), ("where the looks agree", agreed(places))):
+        (keep, weak, delete), found = proposed(places.only(chosen), chances[chosen], least)
+        count = keep + weak + delete
         lines += [
-            f"{name}: proposed {keep + weak + delete:g}: {keep:g} keep, {weak:g} weak, {delete:g} delete;"
+            f"{name}: proposed {count:g}: {keep:g} keep ({100 * keep / count:.0f} %), {weak:g} weak, {delete:g} delete;"
             f" {100 * found:.0f} % of those to keep"
         ]
     return "\n".join(lines)
@@ -195,7 +218,12 @@ def weights_of(places: Places) -> dict[str, object]:
     def by_name(values: Floats) -> dict[str, float]:
         return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
 
-    return {"bias": round(float(fit.biases[1]), DIGITS), "weights": by_name(fit.weights), "kept": by_name(kept)}
+    return {
+        "least": least_of(places, left_out(places)),
+        "bias": round(float(fit.biases[1]), DIGITS),
+        "weights": by_name(fit.weights),
+        "kept": by_name(kept),
+    }
 
 
 def read_wanted() -> list[dict[str, str]]:
@@ -242,8 +270,10 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", type=Path, help="folders with the characters' files")
     places, options = read_places(), parser.parse_args()
     chances = left_out(places)
-    for name, chosen in (("tools", places.counted & ~places.fields), ("fields", places.fields)):
-        print(f"{name}: {report(places.only(chosen), chances[chosen])}")
+    least, tools = least_of(places, chances), places.counted & ~places.fields
+    print(f"proposed is what artists keep with a probability of {100 * least:.0f} % or more")
+    for name, chosen in (("tools", tools), ("fields", places.fields), ("together", tools | places.fields)):
+        print(f"{name}: {report(places.only(chosen), chances[chosen], least)}")
     wanted = read_wanted()
     if options.folders:
         look_anew(wanted, options.folders)

@@ -123,6 +123,14 @@ def test_one_atlas_holds_several_stuffs(tmp_path: Path) -> None:
     assert kind_of(tmp_path, asset) == "cloth"
 
 
+def test_a_place_on_a_border_is_not_of_one_substance(tmp_path: Path) -> None:
+    asset = halves()
+    places = attribute(asset, 0, "TEXCOORD_0")
+    assert places_on(tmp_path, asset)[0].uniform < 0.9
+    places[:, 0] = 0.05 + 0.4 * places[:, 0]
+    assert places_on(tmp_path, asset)[0].uniform == pytest.approx(1.0)
+
+
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("x", "kind"), [(0.05, "skin"), (0.55, "cloth"), (-0.45, "cloth"), (1.05, "skin")])
 def test_texture_transforms_and_wraps_are_followed(tmp_path: Path, x: float, kind: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from kit.golden import Golden, summed
 from wrinklecli.choices import Part
-from wrinklecli.surface.substance import PrimitiveHints, _by_looks, _soft, named
+from wrinklecli.surface.substance import BareSkin, PrimitiveHints, _by_looks, _soft, named
 from wrinklecli.surface.swatch import Swatches
 
 KINDS = ("skin", "cloth", "leather", "hard")
@@ -22,7 +22,7 @@ def test_substances_are_judged_as_before(golden: Golden) -> None:
     swatches = Swatches(
         np.stack([colours, 0.9 * colours], axis=1), numbers % 2 * 1.0, (numbers % 11 > 0) * 1.0, 0.0 * numbers
     )
-    bare = np.array([0.6, 0.05, 0.07])
+    bare = BareSkin(np.array([0.6, 0.05, 0.07]))
     every = [_by_looks(swatches, each) for each in (None, bare)]
     looks = [np.array([[each.get(kind, 0.0) for kind in KINDS] for each in found]) for found in every]
     words = [None, *(named([name], "it") for name in ("shirt", "Boots_01", "HairBand", "flesh", "wolf fur"))]

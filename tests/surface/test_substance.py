@@ -66,6 +66,16 @@ def test_skin_is_what_hands_and_head_have_in_common(tone: str) -> None:
     assert found["spine"] == {"cloth"}
 
 
+@pytest.mark.parametrize(("colour", "foot"), [((0.17, 0.34, 0.07), "cloth"), ((0.6, 0.3, 0.16), "skin")])
+def test_a_colour_all_over_that_is_no_human_s_says_nothing(colour: tuple[float, ...], foot: str) -> None:
+    """A mannequin is of one; its feet are shod as far as one knows."""
+    asset = dressed()
+    asset.gltf["materials"][0]["pbrMetallicRoughness"] = {"baseColorFactor": [*colour, 1.0], "metallicFactor": 0.0}
+    found = kinds_by_joint(asset)
+    assert found["spine"] == found["forearm"] == {"skin"}
+    assert found["foot"] == {foot}
+
+
 def test_black_gloves_and_a_black_mask_are_no_skin() -> None:
     assert "skin" not in kinds_by_joint(dressed("black"))["forearm"]
 

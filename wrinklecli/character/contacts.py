@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterator
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Neighbours:
         self._boxes: dict[int, Floats] = {}
         self._drawn: dict[int, Ints] = {}
         self.unread: dict[int, str] = {}  # nodes whose mesh cannot be read, and why: they are left out
-        self.bare_skin: list[Floats | None] = []  # the (3,) colour in Oklab or None, once it was looked for
+        self.bare_skin: list[Any] = []  # a `BareSkin` or None, once it was looked for
 
     def near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
         """The nodes that are drawn with a node, and (seen, 3) world positions of meshes that may reach into a box.

@@ -151,6 +151,20 @@ class PrimitiveHints:
 
 
 @dataclass(frozen=True, slots=True)
+class BareSkin:
+    """The bare skin of a character.
+
+    Attributes:
+        colour: (3,) in Oklab.
+        everywhere: True if it is no human's, and most of the trunk and limbs have it too: those of a mannequin, a robot
+            or a creature that wears nothing. Then the colour does not tell which.
+    """
+
+    colour: Floats
+    everywhere: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Makeup:
     """Hints about the substance of a gauge's triangles.
 
@@ -163,7 +177,7 @@ class Makeup:
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
         mesh: Index of the mesh.
         pictures: Its textures.
-        bare: (3,) the colour of the character's bare skin, in Oklab; None if unknown.
+        bare: The character's bare skin; None if unknown.
         animal: True if the character is an animal, whose coat may have the colours and the grain of any cloth.
     """
 
@@ -175,7 +189,7 @@ class Makeup:
     vertex_starts: Ints
     mesh: int
     pictures: Pictures = field(compare=False, repr=False)
-    bare: Floats | None = None
+    bare: BareSkin | None = None
     animal: bool = False
 
 
@@ -337,8 +351,8 @@ def _soft(hints: PrimitiveHints, looks: dict[str, dict[SubstanceKind, float]], p
     )
     scores[-1] -= _SKIN_ELSE if scores[-1] else np.inf
     if not said:
-        # Shoes without a word or a colour are a guess, and so is all else.
-        return Substance("skin", "as nothing says what it is made of", 1.0 / 3.0)
+        # Shoes without a word or a colour are a guess, and so is all else; those of cloth are the commonest today.
+        return Substance("cloth" if part in _SHOD else "skin", "as nothing says what it is made of", 1.0 / 3.0)
     odds = np.exp(scores - scores.max())
     best = int(scores.argmax())
     kind = kinds[best]
@@ -358,7 +372,7 @@ def _by_name(named_as: Substance | None, strength: float) -> dict[SubstanceKind,
     return {named_as.kind: _HARD_NAME if named_as.kind == "hard" else strength}
 
 
-def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKind, float]]:
+def _by_looks(swatches: Swatches, bare: BareSkin | None) -> list[dict[SubstanceKind, float]]:
     """Find what colours say of each place."""
     lightness, chroma, hue = _polar(swatches.colours)
     skin = _skin_like(swatches.colours)
@@ -367,8 +381,10 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     # Black is the colour of leather and of cloth: the place decides.
     black = ramp(lightness, 0.35, 0.25) * ramp(chroma, 0.03, 0.015)
     tanned = np.maximum(brown, _EITHER * black)
+    said = swatches.coloured > 0.5
     if bare is not None:
-        apart = difference(swatches.colours, bare)
+        apart = difference(swatches.colours, bare.colour)
+        said &= ~(bare.everywhere & (_same(apart).mean(axis=1) > 0.5))
         skin = np.maximum(skin * (1.0 - _NOT_BARE * ramp(apart, _SKIN_APART, 2.0 * _SKIN_APART)), _same(apart))
     found: dict[SubstanceKind, Floats] = {
         "skin": _COLOUR * skin.mean(axis=1),
@@ -377,7 +393,7 @@ def _by_looks(swatches: Swatches, bare: Floats | None) -> list[dict[SubstanceKin
     }
     grey = (chroma.mean(axis=1) < _GREY) & (lightness.mean(axis=1) > _DARK[0])
     plain = (swatches.pictured < 0.5) | (lightness.std(axis=1) < _PLAIN)
-    said = (swatches.coloured > 0.5) & ~(grey & plain)
+    said &= ~(grey & plain)
     return [
         {kind: float(values[place]) for kind, values in found.items()} if says else {}
         for place, says in enumerate(said.tolist())
@@ -409,11 +425,11 @@ def _skin_like(colours: Floats) -> Floats:
     return of_hue * ramp(chroma, 0.165, 0.13) * _alive(colours)
 
 
-def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> Floats | None:
-    """(3,) the colour of a character's bare skin in Oklab, or None.
+def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part | None]) -> BareSkin | None:
+    """A character's bare skin, or None.
 
-    It is that of the hands, or else of the head, if most of them have the colour of human skin. Else it is the one that
-    both have, such as a cartoon's pink or a goblin's green.
+    It has the colour of the hands, or else of the head, if most of them have that of human skin. Else it is the one
+    that both have, such as a cartoon's pink or a goblin's green.
 
     Args:
         meshes: Those of the character.
@@ -424,11 +440,15 @@ def find_bare_skin(meshes: Sequence[tuple[Gauge, Makeup]], parts: Sequence[Part 
         human = _skin_like(colours) * shares
         if human.sum() > 0.5:
             tried = _some(colours)
-            return np.asarray(tried[(_near(tried, colours) @ human).argmax()])
+            return BareSkin(tried[(_near(tried, colours) @ human).argmax()])
     tried = _some(shown[0][0])
     shared = np.min([_near(tried, colours) @ shares for colours, shares in shown], axis=0)
     shared *= _alive(tried)
-    return np.asarray(tried[shared.argmax()]) if shared.max(initial=0.0) > _SHARED else None
+    if shared.max(initial=0.0) <= _SHARED:
+        return None
+    colour = tried[shared.argmax()]
+    colours, shares = _colours_shown(meshes, parts, _DRESSED)
+    return BareSkin(colour, everywhere=float(_near(colour[None], colours)[0] @ shares) > 0.5)
 
 
 def _near(colours: Floats, others: Floats) -> Floats:
@@ -470,8 +490,16 @@ def _colours_shown(
     return np.concatenate(found), every / max(float(every.sum()), TINY)
 
 
-def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | None:
-    """(3,) as `find_bare_skin`, in all meshes of the file: a coat may show no hand, and be as brown as one."""
+def makeup_of(ground: Ground, gauge: Gauge) -> Makeup:
+    """The hints about the triangles of a gauge of the mesh, with the bare skin that all meshes of the file show."""
+    document, rig, animal = ground.document, gauge.rig, is_animal(gauge.rig)
+    makeup = read_makeup(document, rig, gauge, pictures=ground.pictures)
+    bare = None if animal else _bare_skin_beside(ground)
+    return replace(makeup, hints=read_hints(document, rig, animal=animal), bare=bare, animal=animal)
+
+
+def _bare_skin_beside(ground: Ground) -> BareSkin | None:
+    """As `find_bare_skin`, in all meshes of the file: a coat may show no hand, and be as brown as one."""
     document, known = ground.document, ground.neighbours.bare_skin
     if not known:
         shown = {
@@ -485,8 +513,9 @@ def _bare_skin_beside(ground: Ground, parts: Sequence[Part | None]) -> Floats | 
                 continue
             gauge = read_gauge(other.surface, other.rest, other.rig)
             meshes.append((gauge, read_makeup(document, other.rig, gauge, pictures=ground.pictures)))
-        known.append(find_bare_skin(meshes, parts))
-    return known[0]
+        known.append(find_bare_skin(meshes, read_bones(document).parts))
+    found: BareSkin | None = known[0]
+    return found
 
 
 def is_animal(rig: Rig) -> bool:
@@ -504,16 +533,13 @@ def substances_at(ground: Ground) -> Ints:
 
     Connected parts of a primitive may be plates or boxes as a whole. Else each has pieces of one colour.
     """
-    document, rig, surface = ground.document, ground.rig, ground.surface
-    gauge, animal, bodies = read_gauge(surface, ground.rest, rig), is_animal(rig), read_bones(document).parts
-    hints = read_hints(document, rig, animal=animal)
-    makeup = replace(read_makeup(document, rig, gauge, pictures=ground.pictures), hints=hints, animal=animal)
-    if not animal:
-        makeup = replace(makeup, bare=_bare_skin_beside(ground, bodies))
+    rig, surface, bodies = ground.rig, ground.surface, read_bones(ground.document).parts
+    gauge = read_gauge(surface, ground.rest, rig)
+    makeup = makeup_of(ground, gauge)
     areas, nodes = gauge.areas, rig.joints[surface.heaviest][gauge.triangles[:, 0]]
 
     def of_places(places: Sequence[Ints], *, by_morph: bool) -> None:
-        parts = [None if animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())] for own in places]
+        parts = [None if makeup.animal else bodies[int(np.bincount(nodes[own], areas[own]).argmax())] for own in places]
         every = [_Place(own, areas[own], part) for own, part in zip(places, parts, strict=True)]
         for own, substance in zip(places, _substances(makeup, every, by_morph=by_morph), strict=True):
             found[gauge.numbers[own]] = SUBSTANCES.index(substance.kind)

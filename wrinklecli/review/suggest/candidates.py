@@ -66,6 +66,7 @@ class Place:
         part: The part of the body of a driving joint, if known.
         place: Its name, if a part of the body or of a face is known there.
         substance: What it is made of; None if it was not looked at.
+        uniform: Part of it that is of one substance; NaN if it was not looked at.
         presets: Materials and presets by name, from which its tool gets one.
         fault: Why an artist would not wrinkle it; empty if nothing but its looks may say so.
     """
@@ -75,6 +76,7 @@ class Place:
     part: Part | None = None
     place: PlaceName | None = None
     substance: Substance | None = None
+    uniform: float = math.nan
     presets: Mapping[str, Preset] = field(default_factory=presets)
     fault: str = ""
 

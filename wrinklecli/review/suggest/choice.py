@@ -3,6 +3,7 @@
 Lips, lids and nostrils are *rims*, where a surface slides over another and makes no folds.
 """
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -23,16 +24,15 @@ from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
+from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.surface.compression import CompressedRegion, triangle_weights
 from wrinklecli.surface.substance import (
     Substance,
-    find_bare_skin,
     is_animal,
+    makeup_of,
     read_hints,
-    read_makeup,
     substance_of,
 )
-from wrinklecli.surface.swatch import Pictures
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
 # VRoid's morph targets are `Fcl_MTH_A` and `Fcl_EYE_Close`.
@@ -85,7 +85,7 @@ def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> 
 
 
 def choose_candidates(
-    document: Document, candidates: Sequence[Candidate], options: SuggestOptions
+    asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions
 ) -> tuple[list[Candidate], list[str], list[str]]:
     """Find the materials of candidates, and leave out those that an artist would not wrinkle.
 
@@ -96,13 +96,12 @@ def choose_candidates(
     Raises:
         AssetError: No node, mesh or material has a name in `options.materials`.
     """
-    _refuse_unknown(document, options.materials)
-    pictures = Pictures(document)
+    _refuse_unknown(asset.document, options.materials)
     chosen: list[Candidate] = []
     hard: dict[str, None] = {}
     made_of: dict[str, dict[str, Substance]] = {}
     left_out: dict[str, list[str]] = {}
-    for each in _judged(document, candidates, options, pictures):
+    for each in _judged(asset, candidates, options):
         assert each.substance is not None
         where = each.mesh.rig.node_name
         if each.fault and not options.everything:
@@ -122,7 +121,8 @@ def choose_candidates(
         f"{listed(dict.fromkeys(meshes))}: left out {counted(len(meshes), 'fold')}, as {why}; --all takes all"
         for why, meshes in left_out.items()
     ]
-    return chosen, [*dict.fromkeys(pictures.notes), *lines], [*hard]
+    unread = dict.fromkeys(note for each in candidates for note in asset.ground(each.mesh.rig.node).pictures.notes)
+    return chosen, [*unread, *lines], [*hard]
 
 
 def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
@@ -138,36 +138,38 @@ def _refuse_unknown(document: Document, names: Iterable[str]) -> None:
             raise AssetError(fault, where=document.path)
 
 
-def _judged(
-    document: Document, candidates: Sequence[Candidate], options: SuggestOptions, pictures: Pictures
-) -> Iterator[Candidate]:
+def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: SuggestOptions) -> Iterator[Candidate]:
     """Give candidates their materials and faults."""
-    body, known = NamedBody.of(document), options.known_presets
+    body, known = NamedBody.of(asset.document), options.known_presets
     parts = body.bones.parts
     # Of nodes with one name the first counts.
     numbers = {name: number for number, name in reversed([*enumerate(body.hierarchy.names)])}
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
-    makeups = {key: read_makeup(document, mesh.rig, mesh.gauge, pictures=pictures) for key, mesh in distinct.items()}
+    makeups = {key: makeup_of(asset.ground(mesh.rig.node), mesh.gauge) for key, mesh in distinct.items()}
     rims = cache(lambda surface: rims_of(distinct[surface]))
-    # Animals are neither shod nor dressed, and their coats have several colours.
-    animals = {surface for surface, mesh in distinct.items() if is_animal(mesh.rig)}
-    bare = find_bare_skin([(mesh.gauge, makeups[surface]) for surface, mesh in distinct.items()], parts)
     # Instances share a surface, but the names of their nodes may say what each is made of.
-    rigs = {each.mesh.rig.node: (each.mesh.rig, id(each.mesh.gauge.surface) in animals) for each in candidates}
-    hints = {node: read_hints(document, rig, options.materials, animal=animal) for node, (rig, animal) in rigs.items()}
+    rigs = {each.mesh.rig.node: each.mesh.rig for each in candidates}
+    hints = {
+        node: read_hints(asset.document, rig, options.materials, animal=is_animal(rig)) for node, rig in rigs.items()
+    }
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
-        animal = surface in animals
+        # Animals are neither shod nor dressed, and their coats have several colours.
+        animal = makeups[surface].animal
         # The neck and the hands of an animal fold otherwise than those of people.
         part = None if each.by_morph or animal else parts[numbers[each.driver]]
         place = part and body.place(numbers[each.driver], part, each.region.normal, each.region.centre)
-        makeup = replace(makeups[surface], hints=hints[mesh.rig.node], bare=None if animal else bare, animal=animal)
-        substance = substance_of(makeup, triangle_weights(mesh.sites, each.region), part, by_morph=each.by_morph)
+        makeup = replace(makeups[surface], hints=hints[mesh.rig.node])
+        weights = np.maximum(triangle_weights(mesh.sites, each.region), 0.0)
+        substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
+        # Lips and brows are painted on one skin.
+        of_kinds = [math.nan] if each.by_morph else np.bincount(asset.kinds(mesh.rig.node)[mesh.gauge.numbers], weights)
         limb = each.by_morph or animal or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
             fault = "it is a rim, such as of lips or lids"
-        yield replace(each, part=part, place=place, substance=substance, presets=known, fault=fault)
+        uniform = float(np.max(of_kinds) / weights.sum())
+        yield replace(each, part=part, place=place, substance=substance, uniform=uniform, presets=known, fault=fault)
 
 
 def rims_of(mesh: MeasuredMesh) -> Floats:

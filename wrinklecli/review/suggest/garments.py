@@ -24,7 +24,7 @@ from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import Suggested, TriedAsset
 from wrinklecli.review.suggest.worth import Draft, Judge, Worthwhile
 from wrinklecli.surface.sites import Peaks
-from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
+from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.mirror import exchange_sides, numbered
 from wrinklecli.tools.records import RefinementSettings
@@ -127,7 +127,7 @@ def _garment(
     # What it is made of takes longest to find.
     if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):
         return None
-    kinds = substances_at(asset.ground(rig.node))[gauge.numbers]
+    kinds = asset.kinds(rig.node)[gauge.numbers]
     # A garment that is named so is one as a whole, whatever colours it has.
     named = np.array([each.material is not None and each.material.kind == _CLOTH for each in hints])[primitives]
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]

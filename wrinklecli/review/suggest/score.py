@@ -29,15 +29,17 @@ class Merits:
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
         closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
+        uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve.
 
-    The last is NaN for what is no fold of a limb: lines of a face, and fields. Then it counts as that of places that
-    artists keep.
+    The last two are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as those of places
+    that artists keep.
     """
 
     seen: float
     crests: float
     smooth: float
     closed: float
+    uniform: float
 
 
 REASONS = {
@@ -45,6 +47,7 @@ REASONS = {
     "crests": ("hardly seen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("faceted", "it lies on facets: {} of the edges there are smooth"),
     "closed": ("hardly folded", "it hardly folds: {} shut, where flat is 50 % and a closed fold 100 %"),
+    "uniform": ("across a border", "it lies across the border of two substances: {} of it is of one"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
@@ -79,8 +82,8 @@ class Score:
 
     @property
     def is_kept(self) -> bool:
-        """True if artists would rather keep the tool than not."""
-        return self.keep >= 0.5
+        """True if artists keep the tool with at least the probability that makes them keep most of what is proposed."""
+        return bool(self.keep >= _fitted()["least"])
 
     @property
     def sentence(self) -> str:
@@ -102,6 +105,6 @@ def left_out_without_all(judgement: Score | None, fault: str = "") -> list[str]:
 
 @cache
 def _fitted() -> dict[str, Any]:
-    """The weights by merit, the bias, and the mean logarithms of the merits of places that artists keep."""
+    """The least probability, the weights by merit, the bias, and the mean logarithms of the merits of kept places."""
     found: dict[str, Any] = json.loads(_WEIGHTS.read_text(encoding="utf-8"))
     return found

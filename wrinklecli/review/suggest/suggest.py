@@ -178,7 +178,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     folded = {each.field.name for each in fields.kept}
     bare = beside_garments(meshes, [each for each in garments if each.suggestion.field.name in folded])
     candidates = find_candidates(bare, read_bones(document).parts, progress, jobs=options.jobs)
-    chosen, reasons, hard = choose_candidates(document, candidates, options)
+    chosen, reasons, hard = choose_candidates(tried, candidates, options)
     flat = bool(chosen) and all(candidate.mesh.flat for candidate in chosen)
     scheme: Scheme = "midpoint" if flat else "butterfly"
     refinement = replace(fields.refinement, scheme=scheme)

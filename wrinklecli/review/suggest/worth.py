@@ -201,7 +201,8 @@ class Judge:
             trials = Trial.of(self.asset, suggestion)
             limb = not suggestion.by_morph and trials[0].attached[0].segment is not None
             smooth = min(each.smooth for each in trials)
-            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=1.0 if limb else math.nan))
+            closed = 1.0 if limb else math.nan
+            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=closed, uniform=suggestion.uniform))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
             for trial in trials:
@@ -286,7 +287,8 @@ class Judge:
         """
         clip, peak = self.asset.clip(suggestion.clip), suggestion.time
         smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
-        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=_closed(tallest) if limb else math.nan)
+        closed, uniform = _closed(tallest) if limb else math.nan, suggestion.uniform
+        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=closed, uniform=uniform)
         if not (self.everything or Score.of(best_merits).is_kept):
             return best_merits
 
@@ -306,6 +308,7 @@ class Judge:
             crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
             smooth=smooth,
             closed=_closed(staged) if limb else math.nan,
+            uniform=uniform,
         )
 
 
