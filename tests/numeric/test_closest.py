@@ -1,6 +1,7 @@
 """The closest points of meshes, against every triangle tried one by one."""
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -171,6 +172,15 @@ def test_a_point_finds_alone_what_it_finds_among_others() -> None:
     for number, point in enumerate(points):
         for one, all_of_them in zip(tree.closest_points(point[None]), together, strict=True):
             assert np.array_equal(one[0], all_of_them[number])
+
+
+def test_a_tree_is_sent_to_another_process() -> None:
+    corners = soup(np.random.default_rng(2), 40)
+    tree, points = Tree.of(*mesh_of(corners)), np.random.default_rng(3).normal(size=(20, 3))
+    for one, other in zip(
+        *(each.closest_points(points) for each in (tree, pickle.loads(pickle.dumps(tree)))), strict=True
+    ):
+        assert np.array_equal(one, other)
 
 
 def test_points_of_the_surface_are_on_it() -> None:

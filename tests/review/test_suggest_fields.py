@@ -200,7 +200,8 @@ def test_left_and_right_garments_are_left_out_together() -> None:
     left, coat = field("sleeve", "Arm.L"), field("coat", "Body")
     hidden = Dropped("sleeve_2", "Arm.R", "hidden", 0.2)
     found = Worthwhile([left, coat], RefinementSettings(), [hidden])
-    judge: Any = SimpleNamespace(worthwhile=lambda *_, **__: found, everything=False)
+    asset = SimpleNamespace(jobs=1)
+    judge: Any = SimpleNamespace(worthwhile=lambda *_, **__: found, everything=False, drafted=list, asset=asset)
     given = suggest_fields(judge, [], 1.0)
     assert given.kept == [coat]
     assert [(each.name, each.mesh, each.reason) for each in given.dropped] == [

@@ -136,6 +136,10 @@ class Tree:
         boxes.init(positions, searched)
         return cls(positions, triangles, searched, boxes)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """How to send it to another process: boxes are made anew there."""
+        return Tree.of, (self.positions, self.triangles)
+
     def closest_points(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Find the nearest points of the mesh to (points, 3) finite ones.
 

@@ -11,6 +11,7 @@ import pytest
 from kit.asset import Asset, Json, attribute
 from kit.garments import attached, bent_tube, cut_open, split_materials, tallest, tube, with_attribute
 from kit.limb import RADIUS
+from wrinklecli.effects.field import attach
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.errors import WrinkleError
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
@@ -128,6 +129,25 @@ def test_a_mask_leaves_a_half() -> None:
     side = ground.rest.positions[:, 2]
     assert not tallest(field)[side < -1e-6].any()
     assert near(field, side > 0.05) == 1.0
+
+
+def test_what_is_far_from_a_field_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Heights are those of a field that all of the mesh is measured for, to more digits than one sees."""
+    asset = tube(rings=81)
+    places = attribute(asset, 0, "POSITION")
+    some = with_attribute(asset, "_WRINKLE", (places[:, 0] > 0).astype(float))
+    measured, heights, measure = list[int](), list[Floats](), attach.measure
+
+    def counted(sheet: Any, *args: Any, **keys: Any) -> Any:
+        measured.append(len(sheet.triangles))
+        return measure(sheet, *args, **keys)
+
+    monkeypatch.setattr(attach, "measure", counted)
+    for least in (attach.UNSEEN, -1.0):
+        monkeypatch.setattr(attach, "UNSEEN", least)
+        heights.append(tallest(attached(some, mask={"attribute": "_WRINKLE"}, wavelength=WAVE / 2)[1]))
+    assert measured[0] < 0.8 * measured[1]
+    assert heights[0] == pytest.approx(heights[1], abs=1e-3 * heights[1].max())
 
 
 @pytest.mark.slow
@@ -253,7 +273,7 @@ def test_edges_of_low_crests_may_be_longer() -> None:
     (region,) = found.regions
     rest, plain = region.pose, replace(region, irregular=replace(found.irregular, variation=0.0))
     edges = edges_of(rest.triangles[region.members])
-    mesh = SimpleNamespace(of_vertices=lambda used, values: values[used])
+    mesh = SimpleNamespace(of_vertices=lambda used, values: values[used], triangles=rest.triangles)
     steps, even = (each.steps(mesh)(edges) for each in (region, plain))
     _, *numbers, _ = found.irregular.crests(rest.positions, rest.normals, found.directions, found.slants)
     longer, higher = np.mean(numbers, axis=1)

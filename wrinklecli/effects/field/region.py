@@ -6,7 +6,7 @@ import numpy as np
 
 from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
@@ -89,19 +89,26 @@ class FieldRegion(Region):
             [pose.positions, pose.normals, self.directions, heights, self.wavelengths, self.slants]
         )
 
+        count = int(mesh.triangles.max(initial=-1)) + 1
+        # Edges that are turned again and again have the same ends. Two families of crests have lines, waves and steeps.
+        known, known_places, known_crests = np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((2, count, 5))
+
         def found(ends: Ints) -> Floats:
-            used, at = np.unique(ends, return_inverse=True)
-            at = at.reshape(-1, 2)
+            new = distinct_values(ends[~known[ends]])
             places, normals, directions, heights, wavelengths, slants = np.split(
-                mesh.of_vertices(used, coarse), [3, 6, 12, 13, 14], axis=1
+                mesh.of_vertices(new, coarse), [3, 6, 12, 13, 14], axis=1
             )
             lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions, slants[:, 0])
             steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
-            way = places[at[:, 1]] - places[at[:, 0]]
+            waves = wavelengths[:, 0] * longer
+            known_places[new], known[new] = places, True
+            known_crests[:, new] = np.concatenate([lines, waves[..., None], steep[..., None]], axis=2)
+            way = known_places[ends[:, 1]] - known_places[ends[:, 0]]
+            lines, waves, steep = np.split(known_crests[:, ends], [3, 4], axis=3)
             # The part across the crests of each family, and a share of the whole.
-            across = np.mean(np.einsum("ei,feki->fek", way, lines[:, at]) ** 2, axis=2)
-            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep[:, at].max(axis=2))
-            waves = 2.0 * length / (wavelengths[:, 0] * longer)[:, at].mean(axis=2)
+            across = np.mean(np.einsum("ei,feki->fek", way, lines) ** 2, axis=2)
+            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep.max(axis=(2, 3)))
+            waves = 2.0 * length / waves.mean(axis=(2, 3))
             # At a place one of both families is the higher.
             return np.asarray(np.sqrt(np.mean(waves**2, axis=0)))
 

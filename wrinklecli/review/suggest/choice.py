@@ -147,11 +147,6 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
     makeups = {key: makeup_of(asset.ground(mesh.rig.node), mesh.gauge) for key, mesh in distinct.items()}
     rims = cache(lambda surface: rims_of(distinct[surface]))
-    # Instances share a surface, but the names of their nodes may say what each is made of.
-    rigs = {each.mesh.rig.node: each.mesh.rig for each in candidates}
-    hints = {
-        node: read_hints(asset.document, rig, options.materials, animal=is_animal(rig)) for node, rig in rigs.items()
-    }
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
         # Animals are neither shod nor dressed, and their coats have several colours.
@@ -159,7 +154,9 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         # The neck and the hands of an animal fold otherwise than those of people.
         part = None if each.by_morph or animal else parts[numbers[each.driver]]
         place = part and body.place(numbers[each.driver], part, each.region.normal, each.region.centre)
-        makeup = replace(makeups[surface], hints=hints[mesh.rig.node])
+        # Instances share a surface, but the names of their nodes may say what each is made of.
+        hints = read_hints(asset.document, mesh.rig, options.materials, animal=animal)
+        makeup = replace(makeups[surface], hints=hints)
         weights = np.maximum(triangle_weights(mesh.sites, each.region), 0.0)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         # Lips and brows are painted on one skin.

@@ -5,6 +5,7 @@ A field lies on cloth alone, and the joints of the trunk and of limbs fold it: c
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import Suggested, TriedAsset
-from wrinklecli.review.suggest.worth import Draft, Judge, Worthwhile
+from wrinklecli.review.suggest.worth import Draft, Dropped, Judge, Worthwhile
 from wrinklecli.surface.sites import Peaks
 from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints
 from wrinklecli.tools.fields import Field
@@ -187,11 +189,11 @@ def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> 
     The budget is bytes on a GPU. Where all take too much, folds are as much wider: those need fewer vertices.
     """
     fields, least = [each.suggestion for each in garments], RefinementSettings()
-    drafts = {each.field.name: judge.drafted(least, each) for each in fields}
+    drafts = _drafts(judge, least, fields)
     over = sum(each.cost for each in drafts.values() if isinstance(each, Draft)) / (_OF_FIELDS * budget)
     if over > 1.0 and not judge.everything:
         fields = [each.widened(min(over, _WIDEST)) for each in fields]
-        drafts = {each.field.name: judge.drafted(least, each) for each in fields}
+        drafts = _drafts(judge, least, fields)
     found = judge.worthwhile(fields, least, count=len(fields), budget=budget, drafts=drafts)
     # A sleeve alone looks like a fault.
     left_out = {each.mesh: each for each in found.dropped}
@@ -200,3 +202,9 @@ def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> 
             found.dropped.append(replace(other, name=each.field.name, mesh=each.mesh))
     names = {each.name for each in found.dropped}
     return replace(found, kept=[each for each in found.kept if each.field.name not in names])
+
+
+def _drafts(judge: Judge, least: RefinementSettings, fields: Sequence[SuggestedField]) -> dict[str, Dropped | Draft]:
+    """Attach fields, and refine their meshes, which takes most of the time; by their names."""
+    found = in_processes(partial(judge.drafted, least), fields, judge.asset.jobs)
+    return dict(zip((each.field.name for each in fields), found, strict=True))
