@@ -428,7 +428,7 @@ def test_nothing_covers_the_panel_however_small_the_page_is(size: tuple[int, int
             middle = "(each => { const {x, y, width, height} = each.getBoundingClientRect(); "
             middle += "return document.elementFromPoint(x + width / 2, y + height / 2); })"
             notes = f"[...document.querySelectorAll('.mantine-Notification-root')].map({middle})"
-            assert tab.value(f"{notes}.every(each => !each.closest('.mantine-Notification-root'))")
+            tab.wait(f"{notes}.every(each => !each.closest('.mantine-Notification-root'))")
             tab.value("document.querySelectorAll('.mantine-Notifications-root').forEach(each => each.remove())")
             box = "(each => { const {left, top, right, bottom} = each.getBoundingClientRect(); "
             box += "return [left, top, right, bottom]; })"

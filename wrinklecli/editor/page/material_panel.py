@@ -14,6 +14,7 @@ from wrinklecli.editor.page.widgets import ASKS, PageHost, show_changed
 from wrinklecli.gltf.pixels import Bytes
 
 _GRID = "display:grid;grid-template-columns:repeat(3,1fr);gap:6px;padding:2px 12px 8px;font-size:.8em;line-height:1.2"
+_TITLE = "Materials"
 
 
 class MaterialPanel:
@@ -29,7 +30,7 @@ class MaterialPanel:
         self._waiting = 0  # pictures that are not drawn yet
         self._time: float | None = None  # at which all are drawn, seconds
         self._pictures: dict[str, Bytes] = {}
-        self._folder: Any = page.server.gui.add_folder("Materials", expand_by_default=False)
+        self._folder: Any = page.server.gui.add_folder(_TITLE, expand_by_default=False)
         with self._folder:
             self._grid: Any = page.server.gui.add_html("")
         self._show_grid()
@@ -38,7 +39,8 @@ class MaterialPanel:
         """Show a tool's pictures, of which there are none if it was another tool before; None hides the panel."""
         show_changed(self._folder, "visible", tool is not None)
         if tool != self._tool:
-            self._tool, self._time, self._waiting, self._pictures = tool, None, 0, {}
+            self.give_up()
+            self._tool, self._time, self._pictures = tool, None, {}
             self._shown += 1
             self._show_grid()
 
@@ -47,15 +49,13 @@ class MaterialPanel:
         if self._tool is None or self._waiting or len(self._pictures) == len(self._titles):
             return
         self._time, self._waiting = None, len(self._titles)
-        self._page.say("drawing the materials …", ASKS)
         for name in self._titles:
             self._page.slow.put(("material", name), partial(self._draw, self._tool, name))
 
     def give_up(self) -> bool:
         """Draw no more; False if nothing waits to be drawn."""
         waits, self._waiting = self._waiting > 0, 0
-        if waits:
-            self._page.say("")
+        self._folder.label = _TITLE
         return waits
 
     def _draw(self, tool: str, name: str) -> None:
@@ -75,7 +75,7 @@ class MaterialPanel:
                 self._pictures[name] = picture
                 self._show_grid()
             done = len(self._titles) - self._waiting
-            self._page.say(f"drawing the materials: {done} of {len(self._titles)}" if self._waiting else "", ASKS)
+            self._folder.label = f"{_TITLE}: {done} of {len(self._titles)}" if self._waiting else _TITLE
 
         self._page.work.put(object(), show)
 
