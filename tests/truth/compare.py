@@ -38,7 +38,7 @@ STRIP_BUMPS = {"denim": 5, "leather": 3}
 COLUMNS = (
     *("scene", "cloth", "frame", "shorter", "what"),
     *(field.name for field in fields(Folds)),
-    *("turned", "overlap", "crest_length", "crest_width", "seconds"),
+    *("turned", "overlap", "aslant", "crest_length", "crest_width", "seconds"),
 )
 
 
@@ -99,10 +99,10 @@ def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
             if what != "simulated":
                 fine = baked_rests[what.removeprefix("baked, ")]
                 found = replace(found, arc=float(np.mean(arc_lengths(positions, fine, scene.lines))))
-            relief = [float("nan")] * 4
+            relief = [float("nan")] * 5
             if scene.sides:
                 true, ours = (Relief.of(scene, each[: len(rest)], base) for each in (simulated[frame], positions))
-                relief = [true.turned(ours), true.overlap(ours), *ours.crest]
+                relief = [true.turned(ours), true.overlap(ours), ours.aslant, *ours.crest]
             if what == "simulated":
                 relief[:2] = float("nan"), float("nan")
             rows.append((scene.name, cloth, frame, shorter, what, *astuple(found), *relief, cost))

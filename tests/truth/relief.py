@@ -17,6 +17,8 @@ _HANG, _SHARPNESS = 0.15, 4
 # Standard deviation of the averages of slopes and of squared heights, metres: half of most simulated distances of
 # crests, so that single crests even out.
 _NEAR = 0.05
+# That of the averages of slopes along single crests, metres.
+_CREST = 0.02
 # Vertices of a crest: fewer have no direction.
 _FEWEST = 3
 
@@ -32,6 +34,7 @@ class Relief:
         squares: (vertices,) squared heights, averaged nearby, m².
         slopes: (vertices, 2, 2) products of slopes along the tube and around it, averaged nearby: crests run across the
             direction of the greatest.
+        own_slopes: (vertices, 2, 2) those of single crests.
     """
 
     places: Array
@@ -39,6 +42,7 @@ class Relief:
     heights: Array
     squares: Array
     slopes: Array
+    own_slopes: Array
 
     @classmethod
     def of(cls, scene: Scene, posed: Array, smooth: Array) -> "Relief":
@@ -73,6 +77,7 @@ class Relief:
             heights=heights.ravel(),
             squares=averaged(heights**2, _NEAR).ravel(),
             slopes=averaged(slopes, _NEAR).reshape(-1, 2, 2),
+            own_slopes=averaged(slopes, _CREST).reshape(-1, 2, 2),
         )
 
     @property
@@ -101,6 +106,12 @@ class Relief:
                 weights.append(heights[inside].sum())
         width, length = np.average(sizes, axis=0, weights=weights)
         return float(length), float(width)
+
+    @property
+    def aslant(self) -> float:
+        """Degrees from a ring round the tube to a crest, to either side, in the mean."""
+        ways, clear = _steepest(self.own_slopes)
+        return float(np.average(np.degrees(np.arctan2(*np.abs(ways.T[::-1]))), weights=clear * self.areas))
 
     def overlap(self, other: "Relief") -> float:
         """The area that the densest parts share, over the mean of both areas."""
