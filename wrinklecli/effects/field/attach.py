@@ -145,9 +145,10 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wave, wavelength)
     beside = (allowed > 0) | (beyond.of((allowed > 0).astype(np.float64)) > UNSEEN)
-    if not beside.all():
+    around = sheet.triangles[beside[sheet.triangles].any(axis=1)]
+    if 0 < len(around) < len(sheet.triangles):
         # Most of a mesh may be skin or hair, which takes as long to measure as its cloth.
-        sheet = Sheet.of(rest.positions, sheet.triangles[beside[sheet.triangles].any(axis=1)])
+        sheet = Sheet.of(rest.positions, around)
         near, wave, beyond = averages_over(sheet, wavelength)
     measured = measure(
         sheet,
