@@ -1,5 +1,6 @@
 """The sample driver: it gives clips that were never baked the weights that baking gives them."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion, gaussian_filter
 
 from kit.asset import Asset
-from kit.bakes import COARSE, bake_config, bake_fold, bake_once, folding_limb, place, report_of
+from kit.bakes import COARSE, bake_config, bake_fold, bake_once, baked, folding_limb, place, report_of
 from kit.browser import browsing, serving
 from kit.clients import clip_tracks, drive, driver_warnings, gltfpack, optimize
 from kit.fields import bake_field
@@ -545,19 +546,22 @@ def test_the_page_of_the_site_plays_each_clip_without_an_error(tmp_path: Path) -
 @pytest.mark.slow
 @pytest.mark.long
 def test_the_lines_of_readme_play_a_bake(tmp_path: Path) -> None:
-    served(tmp_path, wrinkled_glb=bake_config("wrist", "wrist").path)
+    folder = ROOT / "wrinklecli" / "example"  # with a figure of usual height, which the camera is set for
+    served(
+        tmp_path, wrinkled_glb=baked(folder / "figure.glb", (folder / "figure.yaml").read_text(), json.dumps(COARSE))
+    )
     (lines,) = re.findall(r"```js\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     three = (
         '{"three": "./node_modules/three/build/three.module.js", "three/addons/": "./node_modules/three/examples/jsm/"}'
     )
     page = f'<link rel="icon" href="data:,"><script type="importmap">{{"imports": {three}}}</script>'
-    seen = "window.seen = () => [renderer.info.render.frame, ...scene.getObjectByName('wrist').morphTargetInfluences];"
+    seen = "window.seen = []; scene.traverse((node) => seen.push(node.morphTargetInfluences ?? []));"
     (tmp_path / "lines.html").write_text(f'{page}<script type="module">{lines}{seen}</script>')
     with serving(tmp_path) as address, browsing(tmp_path, f"{address}/lines.html") as page:
-        page.wait("window.seen && Math.max(...seen().slice(1)) > 0.5")
+        page.wait("window.seen && Math.max(...seen.flat()) > 0.3")
         page.screenshot(tmp_path / "page.png")
         shown = np.asarray(Image.open(tmp_path / "page.png").convert("L"), np.float64)
-        assert (shown != shown[0, 0]).mean() > 0.01
+        assert (shown != shown[0, 0]).mean() > 0.05
         assert page.errors == []
 
 
