@@ -30,6 +30,7 @@ from kit.sheet import REACH, arc, line, sheet
 from wrinklecli.effects.wrinkle import placement
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
+from wrinklecli.numeric import rays
 from wrinklecli.review.check import Check, check
 
 Floats = NDArray[np.float64]
@@ -317,8 +318,9 @@ def test_wrinkles_taller_than_the_room_are_warned_of(strength: float, share: flo
     alone = checked(sheet(tmp_path / "a.glb", line(-0.5, 0.5)), across(**ruled)).data["tools"][0]
     height = alone["clips"][0]["height"]
     room = share * height
-    other = line(0.45, -0.45, room) if strength > 0 else line(-0.45, 0.45, -room)
-    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), other)
+    # Of one piece, as wrinkles stay below another.
+    folded = np.concatenate([line(-0.5, 0.5), line(0.45, -0.45, np.sign(strength) * room)])
+    asset = sheet(tmp_path / "a.glb", folded)
     lines = warnings(asset, across(**ruled), about="opposite surface")
     assert bool(lines) == (share < 1)
     if lines:
@@ -348,10 +350,10 @@ def test_a_wrinkle_into_a_limb_has_the_room_of_its_thickness(tmp_path: Path) -> 
 def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertices(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asset = sheet(tmp_path / "a.glb", line(-0.5, 0.5), line(0.45, -0.45, 0.05))
+    asset = sheet(tmp_path / "a.glb", np.concatenate([line(-0.5, 0.5), line(0.45, -0.45, 0.05)]))
     whole = warnings(asset, across(), about="opposite surface")
     assert len(whole) == 1
-    monkeypatch.setattr(placement, "portions_of", lambda widths: [slice(k, k + 1) for k in range(len(widths))])
+    monkeypatch.setattr(rays, "portions_of", lambda widths: [slice(k, k + 1) for k in range(len(widths))])
     assert warnings(asset, across(), about="opposite surface") == whole
     monkeypatch.setattr(placement, "_MOST_PAIRS", 500)
     thinned = warnings(asset, across(), about="opposite surface")

@@ -1,5 +1,7 @@
 """Keeps what wrinkles and folds raise below the layers that lie over a surface, such as a sweater over shorts."""
 
+from collections.abc import Container
+
 import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
@@ -12,7 +14,9 @@ from wrinklecli.surface.refine import Refinement
 _APART = 1e-6
 
 
-def losses_below(ground: Ground, fine: Refinement, vertices: Ints, heights: Floats) -> Floats:
+def losses_below(
+    ground: Ground, fine: Refinement, vertices: Ints, heights: Floats, ignored: Container[str] = ()
+) -> Floats:
     """Find the parts of heights that would come through a layer over the surface at rest.
 
     A layer is another mesh that is drawn with this one and is no copy of it, or another piece of this one: folds of one
@@ -23,6 +27,7 @@ def losses_below(ground: Ground, fine: Refinement, vertices: Ints, heights: Floa
         fine: Its refined surface.
         vertices: (vertices,) of the refined surface.
         heights: (vertices,) the greatest to which they rise along their normals, scene units.
+        ignored: Names of nodes whose meshes are no layers; the mesh's own stands for its other pieces.
 
     Returns:
         (vertices,) from 0 to 1.
@@ -39,8 +44,10 @@ def losses_below(ground: Ground, fine: Refinement, vertices: Ints, heights: Floa
     of_others = [
         corners
         for node, corners in ground.neighbours.triangles_near(ground.rig.node, low, high)
-        if node not in ground.contacts.copies
+        if node not in ground.contacts.copies and ground.rig.names[node] not in ignored
     ]
+    if ground.rig.node_name in ignored:
+        near = near[:0]
     corners = np.concatenate([fine.rest_positions[near], *of_others])
     # All other meshes count as one piece more.
     owners = np.append(fine.pieces[near[:, 0]], np.full(len(corners) - len(near), -1))

@@ -267,7 +267,8 @@ class WrinkleKind(EffectKind[WrinkleTool, Patch]):
 def _below_layers(carried: CarriedPatch, ground: Ground, fine: Refinement) -> CarriedPatch:
     """Lower the wrinkles of a tool where they would come through a layer over the mesh."""
     patch, vertices = carried.patch, carried.vertices
-    losses = losses_below(ground, fine, vertices, patch.curve.greatest_height * carried.magnitudes)
+    ignored = patch.tool.contact.ignore if patch.tool.contact else ()
+    losses = losses_below(ground, fine, vertices, patch.curve.greatest_height * carried.magnitudes, ignored)
     if not losses.any():
         return carried
     return faded(carried, losses, np.stack(patch.coordinates(fine.rest_positions[vertices]), axis=1))
