@@ -12,6 +12,7 @@ from wrinklecli.character.scene import drawn_with
 from wrinklecli.character.skin import Influences, skinned_mesh
 from wrinklecli.character.surface import Surface, Vertices, read_all_triangles, read_vertices
 from wrinklecli.character.weld import SAME
+from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -124,7 +125,7 @@ class Neighbours:
 
     def _of(self, node: int) -> _Shown:
         if node not in self._shown:
-            rig = read_rig(self._document, node, self._hierarchy)
+            rig = read_rig(self._document, node, self.hierarchy)
             key = (rig.mesh, rig.skinned, len(rig.joints))
             if key not in self._known:
                 vertices = read_vertices(self._document, rig)
@@ -134,8 +135,16 @@ class Neighbours:
         return self._shown[node]
 
     @cached_property
-    def _hierarchy(self) -> Hierarchy:
+    def hierarchy(self) -> Hierarchy:
+        """The nodes of the file."""
         return read_hierarchy(self._document)
+
+    @cached_property
+    def parts(self) -> tuple[Part | None, ...]:
+        """(nodes,) the part of the body that each node is."""
+        from wrinklecli.character.bones import read_bones  # most bakes need none
+
+        return read_bones(self._document).parts
 
 
 @dataclass(frozen=True, slots=True)

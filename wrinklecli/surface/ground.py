@@ -149,7 +149,7 @@ def read_ground(
         WrinkleError: The mesh is at fault, or the clip that `rest` names is not there.
     """
     neighbours = neighbours or Neighbours(document)
-    document, rig = _turnable(document, read_rig(document, node), clips)
+    document, rig = _turnable(document, read_rig(document, node, neighbours.hierarchy), clips)
     surface = read_surface(document, rig)
     rest = rest_pose(surface, rig, settings, clips, tools)
     return Ground(document, rig, surface, rest, clips, neighbours)

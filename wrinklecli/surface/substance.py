@@ -11,7 +11,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.bones import words_of
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import SUBSTANCES, MaterialName, Part
 from wrinklecli.choices import Substance as SubstanceKind
@@ -513,7 +513,7 @@ def _bare_skin_beside(ground: Ground) -> BareSkin | None:
                 continue
             gauge = read_gauge(other.surface, other.rest, other.rig)
             meshes.append((gauge, read_makeup(document, other.rig, gauge, pictures=ground.pictures)))
-        known.append(find_bare_skin(meshes, read_bones(document).parts))
+        known.append(find_bare_skin(meshes, ground.neighbours.parts))
     found: BareSkin | None = known[0]
     return found
 
@@ -533,7 +533,7 @@ def substances_at(ground: Ground) -> Ints:
 
     Connected parts of a primitive may be plates or boxes as a whole. Else each has pieces of one colour.
     """
-    rig, surface, bodies = ground.rig, ground.surface, read_bones(ground.document).parts
+    rig, surface, bodies = ground.rig, ground.surface, ground.neighbours.parts
     gauge = read_gauge(surface, ground.rest, rig)
     makeup = makeup_of(ground, gauge)
     areas, nodes = gauge.areas, rig.joints[surface.heaviest][gauge.triangles[:, 0]]

@@ -91,19 +91,19 @@ class ContactKind(EffectKind[EffectTool, AnyAttached]):
             message = "contact needs ipctk, which is not installed: pip install 'wrinklecli[contact]'"
             raise BakeError(message, where=tools[0].place("contact"))
         # Imported here, as other bakes need none of it.
-        from wrinklecli.character.bones import read_bones
         from wrinklecli.character.scene import drawn_with
         from wrinklecli.character.scene_surface import read_scene_meshes
         from wrinklecli.effects.contact.fold import find_folds
 
         _check_ignored(ground.document, tools)
-        parts = read_bones(ground.document).parts
         own = (ground.rig.node, *ground.contacts.copies, *ground.contacts.unread)
         others = [node for node in drawn_with(ground.document, ground.rig.node) if node not in own]
         obstacles = partial(read_scene_meshes, ground.document, others)
         raised = plan.layer(FieldLayer)
         fields = raised.parts if raised else ()
-        folds, without = find_folds(carried, chosen, plan.fine, ground.rest, ground.rig, parts, obstacles, fields)
+        folds, without = find_folds(
+            carried, chosen, plan.fine, ground.rest, ground.rig, ground.neighbours.parts, obstacles, fields
+        )
         return ContactLayer(tuple(folds), tuple(carried[number].patch.tool.name for number in without))
 
 
