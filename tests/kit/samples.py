@@ -1,5 +1,6 @@
 """The bundled samples, tools for them, and changes of them: `edited("wrist", without_normals)` is a file."""
 
+import copy
 import json
 import struct
 import tempfile
@@ -37,7 +38,7 @@ class Editor:
     """A document to change before it is baked."""
 
     def __init__(self, source: Gltf) -> None:
-        self.json = source.json
+        self.json = copy.deepcopy(source.json)  # tests share what was baked once
         self.data = bytearray(source.buffers[0])
 
     def view(self, data: bytes) -> int:
