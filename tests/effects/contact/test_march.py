@@ -14,7 +14,14 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 from kit.bent_tube import SIDES, bent, tube
 from wrinklecli.effects.contact import march as march_module
 from wrinklecli.effects.contact.march import _direction, _energy, march
-from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, Tissue
+from wrinklecli.effects.contact.tissue import FREE, SOFT, SkinnedPose, SolverState, Tissue
+
+
+def test_what_differs_by_rounding_is_not_moved() -> None:
+    """Processors round otherwise: which poses touch, and so all shapes, would depend on them."""
+    posed = SkinnedPose(np.ones((2, 3)), np.tile(np.eye(3), (2, 1, 1)))
+    moves = np.array([[1e-12, 0.0, -1e-15], [1e-12, 0.5, 0.0]])
+    assert (SolverState(posed.positions + moves, posed).correction == [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0]]).all()
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from wrinklecli.effects.contact.response import Pieces, Response, stiffness_of
 from wrinklecli.effects.contact.tearing import Tearing
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.closest import ROUNDING
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.intersections import Crossings, edges_of
 
@@ -84,8 +85,9 @@ class SolverState:
 
     @property
     def correction(self) -> Floats:
-        """(vertices, 3) positions relative to the skinned ones, solver's units."""
-        return self.positions - self.posed.positions
+        """(vertices, 3) positions relative to the skinned ones, solver's units, without rounding errors."""
+        found = self.positions - self.posed.positions
+        return np.where(np.abs(found) > ROUNDING, found, 0.0)
 
 
 @dataclass(frozen=True)
