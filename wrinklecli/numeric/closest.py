@@ -137,7 +137,7 @@ class Tree:
         return cls(positions, triangles, searched, boxes)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """How to send it to another process: boxes are made anew there."""
+        """Sends itself to another process without its boxes, which are made anew there."""
         return Tree.of, (self.positions, self.triangles)
 
     def closest_points(self, points: Floats) -> tuple[Ints, Floats, Floats]:

@@ -499,7 +499,7 @@ def makeup_of(ground: Ground, gauge: Gauge) -> Makeup:
 
 
 def _bare_skin_beside(ground: Ground) -> BareSkin | None:
-    """As `find_bare_skin`, in all meshes of the file: a coat may show no hand, and be as brown as one."""
+    """The `find_bare_skin` of all meshes of the file: a coat may show no hand, and be as brown as one."""
     document, known = ground.document, ground.neighbours.bare_skin
     if not known:
         shown = {

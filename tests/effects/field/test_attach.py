@@ -208,7 +208,7 @@ def test_the_joints_that_a_field_names_fold_it(joints: str | list[str], folding:
 
 
 def test_joints_whose_matrices_are_stored_whole_turn_as_others_do() -> None:
-    """As assimp writes them; a clip cannot move these."""
+    """Joints may be stored as matrices, as assimp writes them; a clip cannot move these."""
     asset = tube(clip=None)
     for joint in asset.gltf["skins"][0]["joints"]:
         node = asset.gltf["nodes"][joint]
