@@ -230,3 +230,12 @@ def test_skirts_of_a_body_follow_and_do_not_tell_which_way_a_leg_lies() -> None:
     assert not any("Skirt" in name or "about" in name for name in found)
     nodes[4]["name"] = "thing"  # no legs: no body, so each joint moves
     assert any("Skirt about" in name for name in motions(asset))
+
+
+def test_the_end_of_a_bone_does_not_turn() -> None:
+    asset = limb_asset(rings=16, sides=4, joints=4, clip=None)
+    for node, name in zip(asset.gltf["nodes"][2:5], ("LeftFoot", "LeftToeBase", "LeftToe_End"), strict=True):
+        node["name"] = name
+    found = {*motions(asset)}
+    assert "LeftToeBase up, +45°" in found or "LeftToeBase ahead, +45°" in found
+    assert not any("Toe_End" in name for name in found)

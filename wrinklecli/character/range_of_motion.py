@@ -7,13 +7,14 @@ Source: 38 CFR § 4.71, plates I and II, for the normal angles of knee, elbow, w
     of everyday motion, as far as rigs bend well; the joints of a spine share its angle, and those of a neck.
 """
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 
 from wrinklecli.character.bent import bent_areas
-from wrinklecli.character.bones import Bones, forwards_of, read_bones
+from wrinklecli.character.bones import Bones, forwards_of, read_bones, words_of
 from wrinklecli.character.clip import Channel, Clip, clip_name
 from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, raising, turned_axis, turning
 from wrinklecli.character.pose import node_matrices, stored_positions
@@ -81,6 +82,9 @@ _TELLING_MORPHS = 2
 _MOST_JOINTS = 100
 # Parts of a rig that has a body's limbs: its other joints are skirts, straps, springs and helpers, which follow these.
 _LIMBS: Collection[Part] = ("upper arm", "lower arm", "upper leg", "lower leg")
+# Last words of joints that exporters put where a bone ends, such as `LeftToe_End` and `Bip01 L Toe0Nub`: no clip turns
+# them, though skin may follow them.
+_END = re.compile(r"\b(end|nub)$")
 # Most morph targets that rise: a face of ARKit has 52.
 _MOST_MORPHS = 200
 
@@ -119,9 +123,10 @@ def range_of_motion(
     body's trunk and limbs turn ahead, aside and about the bone as far as people's. Others bend about their own axes
     by 90° and twist by 45°; jaw and eyes bend by 20°, and others of a face by 8°. Joints are left out if they bend
     nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix. On a rig with
-    arms and legs, those of no part of a body are left out, such as a skirt's. So are joints with no joint above or
-    below, as on a hand whose joints a headset poses: one alone would tear the skin from the others. If there are more
-    than 100 others, those that bend the least area are. Morph targets named in `driven`, by node, are left out, too.
+    arms and legs, those of no part of a body are left out, such as a skirt's. So are ends of bones, and joints with no
+    joint above or below, as on a hand whose joints a headset poses: one alone would tear the skin from the others. If
+    there are more than 100 others, those that bend the least area are. Morph targets named in `driven`, by node, are
+    left out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -203,10 +208,11 @@ def _linked(rigs: Sequence[Rig]) -> set[int]:
 
 
 def _is_of_body(rig: Rig, node: int, bones: Bones) -> bool:
-    """True if a joint moves a part of a body or face; all do on rigs without limbs."""
+    """True if a joint moves a part of a body or face; all but the ends of bones do on rigs without limbs."""
     parts = bones.parts
     on_head = any(parts[above] == "head" for above in rig.upwards(node))
-    return parts[node] is not None or on_head or not {*_LIMBS} <= {*parts}
+    known = parts[node] is not None or on_head or not {*_LIMBS} <= {*parts}
+    return known and not _END.search(words_of(rig.names[node]))
 
 
 def _is_shown(rig: Rig, node: int, clips: Sequence[Clip]) -> bool:
