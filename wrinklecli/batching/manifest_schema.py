@@ -9,7 +9,6 @@ from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.tools.json_schema import (
     FLAG,
-    LENGTH,
     TEXT,
     Schema,
     any_keys,
@@ -21,6 +20,7 @@ from wrinklecli.tools.json_schema import (
     one_of,
     whole,
 )
+from wrinklecli.tools.records import LENGTH
 
 MAX_JOBS = 100_000
 OWN_KEYS = ("asset", "lods")  # each job has its own; there are no defaults

@@ -4,28 +4,24 @@ The pages `muscles`, `flesh` and `touch` in `configs` are the reference of the k
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import ClassVar, Literal, TypeAlias, get_args
 
 from wrinklecli.choices import PROFILES, MaterialName, Profile
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
-    LENGTH,
-    LENGTHS,
     MOST_LENGTH,
     SCENE_LENGTH,
     TEXT,
     Schema,
-    any_keys,
+    clip_keys,
+    either,
     expects,
-    if_mapping,
     key,
     list_of,
     number,
     one_of,
     percentage,
-    read_percentage,
-    read_record,
     schema_of,
     slider,
     whole,
@@ -37,11 +33,13 @@ from wrinklecli.tools.records import (
     DAMPING_RATIO,
     END,
     FREQUENCY,
+    LENGTH,
     MASK,
     MAX_POINTS,
     MAX_SEED,
     SECONDS,
     SWINGS,
+    TIP,
     EffectTool,
     JointPoint,
     Length,
@@ -49,18 +47,13 @@ from wrinklecli.tools.records import (
     Mask,
     Point,
     Position,
-    parse_length,
-    read_anchor,
-    read_anchors,
-    read_end,
-    read_mask_of,
-    read_tip,
+    length_or,
 )
 
 # Nothing below the skin is longer than the muscle, or the region, itself.
-_LENGTH = {**LENGTH, **slider(1, 100, 0.5, "%")}
-AUTO_LENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, _LENGTH])
-
+_SLIDES = slider(1, 100, 0.5, "%")
+_LENGTH = {**LENGTH, **_SLIDES}
+AUTO_LENGTH = length_or("auto", slides=_SLIDES)
 
 THICKNESS = 0.95
 """Thickness of a belly over the distance from bone to skin: a bent elbow raises 8 to 14 mm on people, and changes the
@@ -68,11 +61,6 @@ outline of an arm then; at 0.5 it hardly does."""
 
 TENDONS = "40%"
 """Tendons over a muscle's length: the belly of a biceps fills six tenths of its way from shoulder to radius."""
-
-
-def read_auto_length(value: Any) -> Literal["auto"] | Length:
-    """A length, or `auto`."""
-    return "auto" if value == "auto" else parse_length(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,24 +72,8 @@ class ActivationKeys:
     """
 
     keys: Mapping[str, tuple[tuple[float, float], ...]] = key(
-        any_keys(
-            list_of(
-                expects(
-                    "[seconds, activation from 0 to 1]",
-                    type="array",
-                    prefixItems=[SECONDS, number(0, 1)],
-                    minItems=2,
-                    maxItems=2,
-                ),
-                1,
-                None,
-                "a list of one or more [seconds, activation]",
-            ),
-            "a mapping of clip names to lists of [seconds, activation]",
-            low=1,
-        ),
+        clip_keys("[seconds, activation]", SECONDS, number(0, 1), row="[seconds, activation from 0 to 1]", low=1),
         "For each clip a list of [seconds, activation], times rising.",
-        read=lambda value: {clip: tuple((float(t), float(a)) for t, a in keys) for clip, keys in value.items()},
         hashed=False,
     )
 
@@ -114,12 +86,6 @@ class ActivationMorph:
 
 
 Activation: TypeAlias = ActivationKeys | ActivationMorph
-
-
-def _read_activation(value: Any) -> Activation | None:
-    if not isinstance(value, dict):
-        return None
-    return read_record(ActivationKeys, value) if "keys" in value else read_record(ActivationMorph, value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,46 +107,39 @@ class Muscle(EffectTool):
         END,
         "Where the muscle begins, below the skin: world space at rest in scene units, {marker: NODE}, or {joint: NODE, "
         "offset: [x, y, z]}.",
-        read=read_end,
     )
-    insertion: Point = key(
-        END, "Where it ends, as a rule just beyond the joint that it bends. Written as `origin`.", read=read_end
-    )
+    insertion: Point = key(END, "Where it ends, as a rule just beyond the joint that it bends. Written as `origin`.")
     thickness: Literal["auto"] | Length = key(
         AUTO_LENGTH,
         "Thickness of the belly at rest: a length or a percentage of the way from bone to skin. Default auto: 95 %.",
         "auto",
         group="Shape",
-        read=read_auto_length,
     )
     tendon: Length = key(
         _LENGTH,
         "Length of both tendons, which do not shorten: a length or a percentage. Default 40%, as of a biceps.",
         TENDONS,
-        read=parse_length,
     )
     width: Literal["auto"] | Length = key(
         AUTO_LENGTH,
         "Width over which the skin follows, around the limb: a length or a percentage. Default auto: from the limb's "
         "own thickness.",
         "auto",
-        read=read_auto_length,
     )
     activation: Activation | None = key(
-        if_mapping(
+        either(
             schema_of(ActivationKeys),
-            if_mapping(
+            either(
                 schema_of(ActivationMorph),
                 expects("{keys: {CLIP: [[SECONDS, ACTIVATION], …]}}, {morph: NAME} or none", enum=["none", None]),
-                required=["morph"],
+                "morph",
             ),
-            required=["keys"],
+            "keys",
         ),
         "Tension that thickens the muscle while its length stays: {keys: …} by hand, {morph: …} by a morph target. "
         "Default none.",
         None,
         group="Motion",
-        read=_read_activation,
     )
     travel: bool = key(
         FLAG,
@@ -230,9 +189,8 @@ class Flesh(EffectTool):
     }
 
     at: Position | Marker | None = key(
-        ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.",
-        read=read_anchor, absent=None,
-    )  # fmt: skip
+        ANCHOR, "Middle of the region, on the skin: world space at rest in scene units, or {marker: NODE}.", absent=None
+    )
     radius: float | None = key(
         SCENE_LENGTH,
         "Length in scene units from the middle over which flesh swings; it fades to the border.",
@@ -249,7 +207,6 @@ class Flesh(EffectTool):
         "Softness of the skin at each place, 0 to 1: {attribute: _FLESH} of vertices, or {image: FILE, channel: r}. "
         "Without `at`, it outlines the region. Default none.",
         None,
-        read=read_mask_of,
     )
     meshes: tuple[str, ...] = key(
         list_of(TEXT, 0, None, "a list of node names"),
@@ -277,20 +234,17 @@ class Flesh(EffectTool):
         "About how far skin moves at most, towards which flesh gets stiffer: a length, or a percentage of the radius. "
         "Default 12%.",
         "12%",
-        read=parse_length,
     )
     gravity: float = key(
         percentage(100, 100),
         "Share of gravity that pulls where the body turns; the rest pose has its own already. Default 30%.",
         "30%",
-        read=read_percentage,
     )
     max_error: Literal["auto"] | Length = key(
         AUTO_LENGTH,
         "How far its swing in the file may be off: a length, or a percentage of `limit`. Default auto: --max-error, as "
         "for all else on its mesh.",
         "auto",
-        read=read_auto_length,
     )
     carrier: int | None = None
 
@@ -338,7 +292,6 @@ class TouchWrinkles:
         LENGTH,
         "From the pad's edge to the last ring's: a length or a percentage of the reach. Default 150%.",
         "150%",
-        read=parse_length,
     )
     directions: int = key(
         expects("1, 6, 8, 12 or 16", enum=[1, 6, 8, 12, 16]),
@@ -350,7 +303,6 @@ class TouchWrinkles:
         one_of(*_SUBSTANCES, "none", none=True),
         "Substance, which gives profile, variation, height and `compressible`. Default skin.",
         "skin",
-        read=lambda value: None if value == "none" else value,
     )
     profile: Profile | None = key(
         {**one_of(*_PROFILES, none=True)}, f"Shape of a ring: {', '.join(_PROFILES)}. Default: the material's.", None
@@ -382,14 +334,6 @@ class TouchWrinkles:
         return LIFTED * (preset(self.material).bump_height if self.material else PLAIN_HEIGHT)
 
 
-def _read_wrinkles(value: Any) -> TouchWrinkles | None:
-    return read_record(TouchWrinkles, value) if isinstance(value, dict) else None
-
-
-def _read_slides(value: Any) -> dict[str, tuple[tuple[float, ...], ...]]:
-    return {clip: tuple(tuple(map(float, (*each, 0.0)[:4])) for each in keys) for clip, keys in value.items()}
-
-
 _OFFSET = number(-MOST_LENGTH, MOST_LENGTH, "a length")
 
 
@@ -417,20 +361,17 @@ class Touch(EffectTool):
     }
 
     at: Position | Marker = key(
-        ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}.",
-        read=read_anchor,
-    )  # fmt: skip
+        ANCHOR, "Middle of the place, on the skin: world space at rest in scene units, or {marker: NODE}."
+    )
     towards: Position | Marker | None = key(
         ANCHOR,
         "Slides towards this point count as forward. Default: along the limb, away from the body.",
-        read=read_anchor,
         absent=None,
     )
     along: tuple[Position | Marker, ...] = key(
         list_of(ANCHOR, 1, MAX_POINTS, f"a list of 1 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
         "Further points of the path along which the tip strokes the skin; forward is along it. Default: none, so that "
         "the place is fixed.",
-        read=read_anchors,
         absent=(),
     )
     mask: Mask | None = key(
@@ -438,71 +379,54 @@ class Touch(EffectTool):
         "Softness of the skin at each place, from 0, where it does not slide, to 1: {attribute: _SKIN} of "
         "vertices, or {image: FILE, channel: r}. Default none.",
         None,
-        read=read_mask_of,
     )
     pad: float = key(SCENE_LENGTH, "Radius of the tip, scene units.", group="Shape")
     reach: Length = key(
         {**LENGTH, **slider(100, 300, 0.5, "%")},
         "Length over which the slide fades beyond the pad: a length or a percentage of the pad. Default 110%.",
         "110%",
-        read=parse_length,
     )
     grip: Length = key(
         _LENGTH,
         "Greatest slide, beyond which the tip slips: a length or a percentage of the pad. Default 60%.",
         "60%",
-        read=parse_length,
     )
     press: Length = key(
         _LENGTH,
         "Distance from the skin below which a node touches it, and depth of the dent at most: a length or a percentage "
         "of the pad. Default 20%.",
         "20%",
-        read=parse_length,
     )
     wrinkles: TouchWrinkles | None = key(
-        if_mapping(schema_of(TouchWrinkles), expects("a mapping or none", enum=["none", None])),
+        either(schema_of(TouchWrinkles), expects("a mapping or none", enum=["none", None])),
         "The rings of wrinkles in front of the tip; none for a slide alone.",
         {},
-        read=_read_wrinkles,
     )
     release: Release = key(
         schema_of(Release),
         "The spring by which the skin comes back when the tip lets go.",
         {"frequency": 4, "damping": 0.7},
         group="Motion",
-        read=lambda value: read_record(Release, value),
     )
     by: JointPoint | None = key(
-        if_mapping(
-            schema_of(JointPoint),
-            expects("the name of a node, or {joint: NODE, offset: [x, y, z]}", type="string", minLength=1),
-        ),
+        TIP,
         "Node whose motion in the clips slides the skin while it is near: a fingertip, a prop, or {joint: NODE, "
         "offset: [x, y, z]}.",
-        read=read_tip,
         absent=None,
     )
     keys: Mapping[str, tuple[tuple[float, ...], ...]] = key(
-        any_keys(
-            list_of(
-                expects(
-                    "[seconds, forward, sideways] or [seconds, forward, sideways, depth]",
-                    type="array",
-                    prefixItems=[SECONDS, _OFFSET, _OFFSET, number(0, MOST_LENGTH, "a depth")],
-                    minItems=3,
-                    maxItems=4,
-                ),
-                1,
-                None,
-                "a list of one or more [seconds, forward, sideways, depth]",
-            ),
-            "a mapping of clip names to lists of [seconds, forward, sideways, depth]",
+        clip_keys(
+            "[seconds, forward, sideways, depth]",
+            SECONDS,
+            _OFFSET,
+            _OFFSET,
+            number(0, MOST_LENGTH, "a depth"),
+            row="[seconds, forward, sideways] or [seconds, forward, sideways, depth]",
+            optional=1,
         ),
         "For each clip a list of [seconds, forward, sideways, depth]: slide of the skin and depth of the tip, scene "
         "units, times rising. After the last key the tip lets go.",
         {},
-        read=_read_slides,
         hashed=False,
     )
 

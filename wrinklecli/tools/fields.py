@@ -6,33 +6,31 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
-from wrinklecli.tools.body import read_auto_length
 from wrinklecli.tools.json_schema import (
-    LENGTH,
-    LENGTHS,
     TEXT,
     any_keys,
+    either,
     expects,
     key,
     list_of,
     number,
     one_of,
     percentage,
-    read_percentage,
     readers_of,
     slider,
     whole,
 )
 from wrinklecli.tools.materials import Preset
 from wrinklecli.tools.records import (
+    CONTACT_WORDS,
     MASK,
     MAX_SEED,
     Contact,
     EffectTool,
     Length,
     Mask,
-    read_contact,
-    read_mask_of,
+    contact_word,
+    length_or,
 )
 
 OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
@@ -41,8 +39,6 @@ OF_MATERIALS: Mapping[MaterialName, Mapping[str, Any]] = {
     "skin": {"wavelength": "6%", "slack": "10%", "variation": 0.1},
 }
 """Values of each material for keys that a field lacks; chosen by eye on trousers, a suit and a sleeve."""
-
-_WAVELENGTH = expects(f"auto, {LENGTHS}", anyOf=[{"enum": ["auto"]}, {**LENGTH, **slider(2, 30, 0.5, "%")}])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,21 +58,15 @@ class Field(EffectTool):
     meaning: ClassVar[str] = "Fields of wrinkles over whole garments, where these are compressed."
 
     node: str | None = key(
-        {
-            "if": {"type": "array"},
-            "then": list_of(TEXT, 1, None, "a node or a list of nodes"),
-            "else": {**TEXT, "type": ["string", "null"]},
-        },
+        either(list_of(TEXT, 1, None, "a node or a list of nodes"), {**TEXT, "type": ["string", "null"]}),
         "Node of the mesh, or a list of nodes whose meshes are one surface; may be left out where one mesh deforms.",
         None,
-        read=lambda value: tuple(value) if isinstance(value, list) else value,
     )
     mask: Mask | None = key(
         MASK,
         "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
         "r}. Default none.",
         None,
-        read=read_mask_of,
     )
     substance: tuple[MaterialName, ...] | None = key(
         {
@@ -101,17 +91,15 @@ class Field(EffectTool):
         group="Shape",
     )
     wavelength: Length = key(
-        _WAVELENGTH,
+        length_or("auto", slides=slider(2, 30, 0.5, "%")),
         "From crest to crest at rest: a length, or a percentage of the girth of the limb beneath. Default auto: the "
         "material's.",
         "auto",
-        read=read_auto_length,
     )
     slack: float = key(
         {**percentage(50, 20), "type": ["string", "null"]},
         "Part of its length that the surface loses before a fold rises. Default: the material's.",
         None,
-        read=lambda value: None if value is None else read_percentage(value),
     )
     strength: float = key(
         {**number(0, 10), **slider(0, 2, 0.05)}, "Factor of the heights in all clips. Default 1.", 1.0
@@ -126,29 +114,24 @@ class Field(EffectTool):
         {**whole(0, MAX_SEED), "type": ["integer", "null"]}, "Seed of the irregularity. Default: from the name.", None
     )
     joints: Literal["all"] | tuple[str, ...] = key(
-        {
-            "if": {"type": "array"},
-            "then": list_of(TEXT, 1, None, "all or a list of names of joints"),
-            "else": expects("all or a list of names of joints", enum=["all"]),
-        },
+        either(
+            list_of(TEXT, 1, None, "all or a list of names of joints"),
+            expects("all or a list of names of joints", enum=["all"]),
+        ),
         "Joints whose turns fold it: all, or a list of names. Default all.",
         "all",
         group="Motion",
-        read=lambda value: value if value == "all" else tuple(value),
     )
     clips: Mapping[str, float] = key(
         any_keys(number(0, 10), "a mapping of clip names to factors"),
         "Factors of the heights in some clips, in place of `strength`. Default {}.",
         {},
-        read=lambda value: {clip: float(each) for clip, each in value.items()},
         hashed=False,
     )
     contact: Contact | None = key(
-        # To YAML 1.1, which is read, off is false.
-        expects("off or resolve", anyOf=[{"enum": ["off", "resolve", False]}]),
+        contact_word("off or resolve", anyOf=[{"enum": [*CONTACT_WORDS]}]),
         "resolve: it is lowered where it would cross more than the skin alone. Default off.",
         "off",
-        read=read_contact,
     )
 
     beside: tuple[str, ...] = ()

@@ -1,13 +1,14 @@
 """JSON Schemas with messages, and records whose fields are the keys of a file.
 
 `errorMessage`, which JSON Schema does not have, names the accepted values: the program's messages end with it, and the
-language servers of JSON and YAML show it. `group` and `slider` say how programs show the control of a key.
+language servers of JSON and YAML show it. `group` and `slider` say how programs show the control of a key. A schema
+may have a function under `read`, which turns a value that fits into a field's value; schemas of keys are without it.
 """
 
 import functools
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import MISSING, Field, field, fields
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from wrinklecli.choices import Group
 from wrinklecli.frozen import dataclass
@@ -15,7 +16,7 @@ from wrinklecli.frozen import dataclass
 Schema: TypeAlias = dict[str, Any]
 Reader: TypeAlias = Callable[[Any], Any]
 _Record = TypeVar("_Record")
-# What reads values of a type unless a key says otherwise: YAML's 1 is a float too, and its 1.0 a whole number.
+# What reads values of a type unless a schema says otherwise: YAML's 1 is a float too, and its 1.0 a whole number.
 _READERS: dict[str, Reader] = {"number": float, "integer": int}
 
 
@@ -51,13 +52,14 @@ def percentage(most: int, slider_most: float) -> Schema:
         type="string",
         maxLength=40,
         pattern=rf"^\+?0*({below})(\.[0-9]*)? ?%$|^\+?0*{most}(\.0*)? ?%$",
+        read=read_percentage,
         **slider(0, slider_most, 0.5, "%"),
     )
 
 
-def read_percentage(value: str) -> float:
-    """A percentage as a ratio."""
-    return float(value.rstrip("% ")) / 100.0
+def read_percentage(value: str | None) -> float | None:
+    """A percentage as a ratio; None for none."""
+    return None if value is None else float(value.rstrip("% ")) / 100.0
 
 
 def one_of(*words: str, none: bool = False) -> Schema:
@@ -65,10 +67,20 @@ def one_of(*words: str, none: bool = False) -> Schema:
     return expects(" or ".join([", ".join(words[:-1]), words[-1]]), enum=[*words, *([None] if none else [])])
 
 
+class ListReader(NamedTuple):
+    """Reads a list, each item by the same function."""
+
+    read: Reader
+
+    def __call__(self, value: Any) -> tuple[Any, ...]:
+        """The fields' values of a list."""
+        return tuple(map(self.read, value))
+
+
 def list_of(items: Schema, low: int, high: int | None, accepted: str) -> Schema:
     """A list of `low` to `high` items."""
     limits = {"minItems": low} | ({} if high is None else {"maxItems": high})
-    return expects(accepted, type="array", items=items, **limits)
+    return expects(accepted, type="array", items=items, **limits, read=ListReader(reader_of(items)))
 
 
 def mapping_of(keys: Mapping[str, Schema], required: tuple[str, ...] = ()) -> Schema:
@@ -78,17 +90,68 @@ def mapping_of(keys: Mapping[str, Schema], required: tuple[str, ...] = ()) -> Sc
 
 def any_keys(values: Schema, accepted: str, low: int = 0) -> Schema:
     """A mapping of any keys to these values."""
-    return expects(accepted, type="object", additionalProperties=values, minProperties=low)
+    read = reader_of(values)
+    return expects(
+        accepted,
+        type="object",
+        additionalProperties=values,
+        minProperties=low,
+        read=lambda value: {name: read(each) for name, each in value.items()},
+    )
 
 
-def if_mapping(mapping: Schema, otherwise: Schema, **having: Any) -> Schema:
-    """One schema for mappings and one for other values; `anyOf` would not name the fault in the one that was meant."""
-    return {"if": {"type": "object", **having}, "then": mapping, "else": otherwise}
+def clip_keys(shown: str, *values: Schema, row: str = "", optional: int = 0, low: int = 0) -> Schema:
+    """The keys of each clip, each a row of one value for each of these schemas; `optional` ones at the end may lack.
+
+    Messages show a key as `shown`, and what is wrong with one as `row`, if that differs.
+    """
+    readers = [*map(reader_of, values)]
+    one = expects(
+        row or shown,
+        type="array",
+        prefixItems=[*values],
+        minItems=len(values) - optional,
+        maxItems=len(values),
+        read=lambda value: tuple(read(each) for read, each in zip(readers, [*value, *[0.0] * optional], strict=False)),
+    )
+    every = list_of(one, 1, None, f"a list of one or more {shown}")
+    return any_keys(every, f"a mapping of clip names to lists of {shown}", low)
+
+
+def either(first: Schema, otherwise: Schema, *having: str) -> Schema:
+    """One schema for lists, or for mappings that have one of some keys, and one for other values.
+
+    Mappings need no key if none is named. `anyOf` would not name the fault in the schema that was meant.
+    """
+    required: list[Schema] = [{"required": [each]} for each in having]
+    fitting = {"anyOf": required} if len(required) > 1 else required[0] if required else {}
+    kind, readers = {"object": dict, "array": list}[first["type"]], (reader_of(otherwise), reader_of(first))
+
+    def read(value: Any) -> Any:
+        return readers[isinstance(value, kind) and (not having or not {*having}.isdisjoint(value))](value)
+
+    return {"if": {"type": first["type"], **fitting}, "then": first, "else": otherwise, "read": read}
+
+
+def reader_of(values: Schema) -> Reader:
+    """The function that turns a value that fits a schema into a field's value; of words, `none` is None as null is."""
+    if "read" in values:
+        return values["read"]  # type: ignore[no-any-return]
+    if None in values.get("enum", ()):
+        return lambda value: None if value == "none" else value
+    return _READERS.get(str(values.get("type")), lambda value: value)
 
 
 def key_of(values: Schema, description: str, **default: Any) -> Schema:
     """Values of a key, and its meaning."""
-    return {**values, "description": description, **default}
+    return {**without_readers(values), "description": description, **default}
+
+
+def without_readers(values: Any) -> Any:
+    """A schema as JSON holds it."""
+    if isinstance(values, dict):
+        return {name: without_readers(each) for name, each in values.items() if not callable(each)}
+    return [*map(without_readers, values)] if isinstance(values, list) else values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,13 +192,13 @@ def key(
         description: Meaning of the key, for editors.
         default: Default as a file would write it; required keys have none.
         group: Group of controls that begins with the key; the record's further keys belong to it, up to the next one.
-        read: Turns the file's value into the field's value; by default they are equal, but for the type of a number.
+        read: Turns the file's value into the field's value, in place of the reader of the schema.
         name: The key, if it differs from the field's name.
         absent: The field's default, if it differs from `read(default)`.
         hashed: False for values that cannot be hashed.
     """
     said = {} if default is MISSING else {"default": default}
-    read = read or _READERS.get(str(values.get("type")), lambda value: value)
+    read = read or reader_of(values)
     metadata = {"schema": key_of(values, description, **said), "group": group, "read": read, "name": name}
     if absent is MISSING and default is not MISSING:
         absent = read(default)
@@ -169,7 +232,8 @@ def defaults_of(record: type) -> dict[str, Any]:
 def schema_of(record: type) -> Schema:
     """A mapping of a record's keys; those of fields without a default are required."""
     required = (each for each in key_fields(record) if default_of(each) is MISSING)
-    return mapping_of(keys_of(record), required=tuple(each.metadata["name"] or each.name for each in required))
+    keys = mapping_of(keys_of(record), required=tuple(each.metadata["name"] or each.name for each in required))
+    return {**keys, "read": functools.partial(read_record, record)}
 
 
 def read_record(record: type[_Record], values: Mapping[str, Any]) -> _Record:
@@ -193,13 +257,3 @@ FLAG = expects("true or false", type="boolean")
 LEAST_LENGTH = 1e-9  # a nanometre in metres
 MOST_LENGTH = 1e9  # a metre in nanometres
 SCENE_LENGTH = number(LEAST_LENGTH, MOST_LENGTH, "a length")
-LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
-LENGTH = expects(
-    LENGTHS,
-    type=["number", "string"],
-    minimum=LEAST_LENGTH,
-    maximum=MOST_LENGTH,
-    maxLength=40,
-    pattern=r"^\+?0*([1-9][0-9]{0,3}(\.[0-9]*)?|10000(\.0*)?|\.(0?[1-9])[0-9]*) ?%$",
-    **slider(1, 300, 0.5, "%"),
-)

@@ -59,7 +59,7 @@ def presets_of(entries: Mapping[str, Mapping[str, Any]], known: Mapping[str, Pre
     found: dict[str, Preset] = {}
     for name, entry in entries.items():
         base = {**known, **found}.get(entry.get("material", ""))
-        width, height = (_ratio(entry.get(key)) for key in ("bump_width", "bump_height"))
+        width, height = (read_percentage(entry.get(key)) for key in ("bump_width", "bump_height"))
         found[name] = Preset(
             name=name,
             title=entry.get("title", name),
@@ -104,7 +104,3 @@ def with_material(
     chosen = known[values["material"]]
     gap = values.get("gap", chosen.keys.get("gap", 0))
     return {**chosen.fields(readers, gap), **values}
-
-
-def _ratio(percent: str | None) -> float | None:
-    return None if percent is None else read_percentage(percent)

@@ -33,16 +33,17 @@ from wrinklecli.choices import (
 from wrinklecli.frozen import dataclass
 from wrinklecli.tools.json_schema import (
     FLAG,
-    LENGTH,
-    LENGTHS,
+    LEAST_LENGTH,
     MOST_LENGTH,
     TEXT,
+    ListReader,
     Schema,
     any_keys,
+    clip_keys,
     default_of,
     defaults_of,
+    either,
     expects,
-    if_mapping,
     key,
     key_fields,
     key_of,
@@ -52,8 +53,7 @@ from wrinklecli.tools.json_schema import (
     number,
     one_of,
     percentage,
-    read_percentage,
-    read_record,
+    reader_of,
     readers_of,
     schema_of,
     slider,
@@ -111,6 +111,32 @@ def parse_length(value: float | str) -> Length:
     return Length(found, percent=percent)
 
 
+def read_length(value: float | str | None) -> Length | Literal["auto"] | None:
+    """A length, or the word in its place: auto, or none."""
+    if value is None or value in ("auto", "none"):
+        return "auto" if value == "auto" else None
+    return parse_length(value)
+
+
+LENGTHS = "a length from 1e-9 to 1e9 scene units or a percentage from 0.01% to 10000%"
+LENGTH = expects(
+    LENGTHS,
+    type=["number", "string"],
+    minimum=LEAST_LENGTH,
+    maximum=MOST_LENGTH,
+    maxLength=40,
+    pattern=r"^\+?0*([1-9][0-9]{0,3}(\.[0-9]*)?|10000(\.0*)?|\.(0?[1-9])[0-9]*) ?%$",
+    **slider(1, 300, 0.5, "%"),
+    read=parse_length,
+)
+
+
+def length_or(*words: str | None, slides: Schema) -> Schema:
+    """A length on such a slider, or one of these words."""
+    accepted = ", ".join([*filter(None, words), LENGTHS])
+    return expects(accepted, anyOf=[{"enum": [*words]}, {**LENGTH, **slides}], read=read_length)
+
+
 @dataclass(frozen=True, slots=True)
 class Marker:
     """An anchor at the position of a node of the asset, such as an exported empty."""
@@ -118,16 +144,20 @@ class Marker:
     marker: str = key(TEXT, "Node whose position at rest is the anchor.")
 
 
-def _coordinates(accepted: str, *types: str, **keywords: Any) -> Schema:
-    """Three numbers, or other values of some types."""
-    return expects(
-        accepted, type=["array", *types], items=number(-MOST_LENGTH, MOST_LENGTH), minItems=3, maxItems=3, **keywords
-    )
-
-
-def _read_position(value: Any) -> Position:
+def read_anchor(value: Any) -> Position | Marker:
+    """An anchor of a tools file, in the file's axes."""
+    if isinstance(value, dict):
+        return Marker(**value)
     x, y, z = map(float, value)
     return (x, y, z)
+
+
+def _coordinates(accepted: str, *types: str, **keywords: Any) -> Schema:
+    """Three numbers, or other values of some types."""
+    coordinate = number(-MOST_LENGTH, MOST_LENGTH)
+    return expects(
+        accepted, type=["array", *types], items=coordinate, minItems=3, maxItems=3, read=read_anchor, **keywords
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,43 +169,25 @@ class JointPoint:
         _coordinates("[x, y, z]"),
         "From the joint's position at rest, in the axes of this file, scene units. Default [0, 0, 0].",
         [0.0, 0.0, 0.0],
-        read=_read_position,
     )
 
 
 Point: TypeAlias = Position | Marker | JointPoint
 
 # Keywords for items hold for lists alone, keywords for properties for mappings alone, so both stand side by side.
-_MARKED = {name: each for name, each in schema_of(Marker).items() if name != "type"}
+_MARKED = {name: each for name, each in schema_of(Marker).items() if name not in ("type", "read")}
 ANCHOR = _coordinates("[x, y, z] or {marker: NODE}", "object", **_MARKED)
-END = if_mapping(
+END = either(
     schema_of(JointPoint),
     _coordinates("[x, y, z], {marker: NODE} or {joint: NODE, offset: [x, y, z]}", "object", **_MARKED),
-    required=["joint"],
+    "joint",
 )
 """A point below the skin, which needs no surface near it."""
-
-
-def read_anchor(value: Any) -> Position | Marker:
-    """An anchor of a tools file, in the file's axes."""
-    return Marker(**value) if isinstance(value, dict) else _read_position(value)
-
-
-def read_end(value: Any) -> Point:
-    """A point below the skin, in the file's axes."""
-    if isinstance(value, dict) and "joint" in value:
-        return read_record(JointPoint, value)
-    return read_anchor(value)
-
-
-def read_tip(value: Any) -> JointPoint:
-    """A point that a node carries, in the file's axes: by the node's name, or with an offset."""
-    return JointPoint(value) if isinstance(value, str) else read_record(JointPoint, value)
-
-
-def read_anchors(value: Any) -> tuple[Position | Marker, ...]:
-    """Anchors of a tools file, in the file's axes."""
-    return tuple(map(read_anchor, value))
+TIP = either(
+    schema_of(JointPoint),
+    expects("the name of a node, or {joint: NODE, offset: [x, y, z]}", type="string", minLength=1, read=JointPoint),
+)
+"""A point that a node carries: by the node's name, or with an offset."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,17 +204,15 @@ class Sampling:
 
     fps: float = key(number(0.1, 1000), "Samples per second, joined with the clip's own key times. Default 30.", FPS)
     clips: Literal["all"] | tuple[str, ...] = key(
-        {
-            "if": {"type": "array"},
-            "then": {
+        either(
+            {
                 **list_of(TEXT, 1, None, "all or a list of clip names"),
                 "allOf": [expects("each clip named once", uniqueItems=True)],
             },
-            "else": expects("all or a list of clip names", enum=["all"]),
-        },
+            expects("all or a list of clip names", enum=["all"]),
+        ),
         "Clips to bake: all, or a list of names. Default all.",
         "all",
-        read=lambda value: value if value == "all" else tuple(value),
     )
 
 
@@ -230,20 +240,8 @@ class RestLengthKeys:
     """
 
     keys: Mapping[str, tuple[tuple[float, Length], ...]] = key(
-        any_keys(
-            list_of(
-                expects("[seconds, length]", type="array", prefixItems=[SECONDS, LENGTH], minItems=2, maxItems=2),
-                1,
-                None,
-                "a list of one or more [seconds, length]",
-            ),
-            "a mapping of clip names to lists of [seconds, length]",
-            low=1,
-        ),
+        clip_keys("[seconds, length]", SECONDS, LENGTH, low=1),
         "For each clip a list of [seconds, length], times rising.",
-        read=lambda value: {
-            clip: tuple((float(time), parse_length(length)) for time, length in keys) for clip, keys in value.items()
-        },
         hashed=False,
     )
 
@@ -253,22 +251,10 @@ class RestLengthMorph:
     """A rest length driven by a morph target's weight: the rest distance at 0, `full` at 1."""
 
     morph: str = key(TEXT, "Name of the morph target.")
-    full: Length = key(LENGTH, "Rest length at weight 1: a length or a percentage.", read=parse_length)
+    full: Length = key(LENGTH, "Rest length at weight 1: a length or a percentage.")
 
 
 RestLength: TypeAlias = Literal["auto"] | Length | RestLengthKeys | RestLengthMorph
-
-
-def _read_rest_length(value: Any) -> RestLength:
-    if isinstance(value, dict):
-        return read_record(RestLengthKeys if "keys" in value else RestLengthMorph, value)
-    return "auto" if value == "auto" else parse_length(value)
-
-
-def _read_max_height(value: Any) -> Literal["auto"] | Length | None:
-    if value in ("auto", "none", None):
-        return "auto" if value == "auto" else None
-    return parse_length(value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,22 +280,18 @@ class Contact:
         list_of(TEXT, 0, None, "a list of node names"),
         "Nodes whose meshes may go through the tool's. Default [].",
         [],
-        read=tuple,
     )
 
 
-CONTACT = if_mapping(
-    schema_of(Contact),
-    # To YAML 1.1, which is read, off is false.
-    expects("off, resolve or {per_clip: false, ignore: []}", enum=["off", "resolve", False]),
+def contact_word(accepted: str, **keywords: Any) -> Schema:
+    """Words for contact as a file asks for it; None for none."""
+    return expects(accepted, **keywords, read=lambda value: Contact() if value == "resolve" else None)
+
+
+CONTACT_WORDS = ("off", "resolve", False)  # to YAML 1.1, which is read, off is false
+CONTACT = either(
+    schema_of(Contact), contact_word("off, resolve or {per_clip: false, ignore: []}", enum=[*CONTACT_WORDS])
 )
-
-
-def read_contact(value: Any) -> Contact | None:
-    """Contact as a file asks for it; None for none."""
-    if isinstance(value, dict):
-        return read_record(Contact, value)
-    return Contact() if value == "resolve" else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,21 +341,14 @@ class MaskImage:
 Mask: TypeAlias = MaskAttribute | MaskImage
 
 
-MASK = if_mapping(
+MASK = either(
     schema_of(MaskImage),
-    if_mapping(
+    either(
         schema_of(MaskAttribute),
         expects("{attribute: NAME}, {image: FILE, channel: r, texcoord: 0} or none", enum=["none", None]),
     ),
-    anyOf=[{"required": [each]} for each in keys_of(MaskImage)],
+    *keys_of(MaskImage),
 )
-
-
-def read_mask_of(value: Any) -> Mask | None:
-    """A painted mask; None without one."""
-    if not isinstance(value, dict):
-        return None
-    return read_record(MaskImage, value) if "image" in value else read_record(MaskAttribute, value)
 
 
 def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
@@ -520,15 +495,12 @@ class WrinkleTool(EffectTool):
     }
 
     origin: Position | Marker = key(
-        ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}.", read=read_anchor
+        ANCHOR, "Where the wrinkles begin: world space at rest in scene units, or {marker: NODE}."
     )
-    target: Position | Marker = key(
-        ANCHOR, "Where they end; they run across the line from origin to target.", read=read_anchor
-    )
+    target: Position | Marker = key(ANCHOR, "Where they end; they run across the line from origin to target.")
     between: tuple[Position | Marker, ...] = key(
         list_of(ANCHOR, 2, MAX_POINTS, f"a list of 2 to {MAX_POINTS} points, each [x, y, z] or {{marker: NODE}}"),
         "Points of a curve on the surface that wrinkles run across, in place of origin and target.",
-        read=read_anchors,
         name="path",
         absent=(),
     )
@@ -538,14 +510,13 @@ class WrinkleTool(EffectTool):
         "surface",
     )
     laid: LaidPose | RestFrame = key(
-        if_mapping(
+        either(
             schema_of(RestFrame),
             expects(f"{', '.join(get_args(LaidPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(LaidPose)]),
         ),
         "Pose in which crests are straight: stored (at rest), raised (by the morph target that brings the ends "
         "together), or a clip's. Default auto: raised if such a target shortens the tool more than a joint does.",
         "auto",
-        read=lambda value: read_record(RestFrame, value) if isinstance(value, dict) else value,
     )
     attachment: Attachment = key(
         one_of(*get_args(Attachment)),
@@ -569,7 +540,6 @@ class WrinkleTool(EffectTool):
         "Factor of the height at each place, 0 to 1: {attribute: _WRINKLE} of the vertices, or {image: FILE, channel: "
         "r}. Default none.",
         None,
-        read=read_mask_of,
     )
     material: str | None = key(
         expects(_MATERIALS, type=["string", "null"], minLength=1, examples=[*presets(), "none", None]),
@@ -578,7 +548,7 @@ class WrinkleTool(EffectTool):
         group="Shape",
         read=lambda value: None if value == "none" else value,
     )
-    width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.", read=parse_length)
+    width: Length = key(LENGTH, "Full width across the segment: a length or a percentage. Required.")
     bumps: int = key(whole(1, 64, slider_most=12), "Wrinkles along the segment. Default 4, or the material's.", 4)
     gap: int = key(
         whole(0, 64, slider_most=12), "Flat control intervals, half a bump each, between bumps. Default 0.", 0
@@ -589,13 +559,10 @@ class WrinkleTool(EffectTool):
         "everywhere",
     )
     max_height: Literal["auto"] | Length | None = key(
-        expects(
-            f"auto, none, {LENGTHS}", anyOf=[{"enum": ["auto", "none", None]}, {**LENGTH, **slider(1, 30, 0.5, "%")}]
-        ),
+        length_or("auto", "none", None, slides=slider(1, 30, 0.5, "%")),
         "Highest point of a bump: auto (a quarter of a rest bump's width, or the material's part), none, a length or a "
         "percentage. Default auto.",
         "auto",
-        read=_read_max_height,
     )
     profile: Profile = key(
         one_of(*get_args(Profile)),
@@ -609,7 +576,6 @@ class WrinkleTool(EffectTool):
         list_of(number(0.001, 0.99, step=0.01), 0, MAX_DETAILS, f"a list of up to {MAX_DETAILS} shares"),
         "Shares of the shortening that go into ever finer wrinkles on the bumps. Default [], or the material's.",
         [],
-        read=lambda value: tuple(map(float, value)),
     )
     variation: float = key(
         _RATIO,
@@ -640,7 +606,6 @@ class WrinkleTool(EffectTool):
         "material's.",
         "0%",
         group="Motion",
-        read=read_percentage,
     )
     strength: float = key(
         _STRENGTH, "Factor of the height; negative is inward. The length is kept only with 1. Default 1.", 1.0
@@ -649,38 +614,36 @@ class WrinkleTool(EffectTool):
         any_keys(_STRENGTH, "a mapping of clip names to strengths"),
         "Strength in a clip instead of `strength`; 0 switches it off. Default {}.",
         {},
-        read=lambda value: {clip: float(strength) for clip, strength in value.items()},
         hashed=False,
     )
     rest_length: RestLength = key(
-        if_mapping(
+        either(
             schema_of(RestLengthKeys),
-            if_mapping(
+            either(
                 schema_of(RestLengthMorph),
                 expects(
                     f"auto, {LENGTHS}, {{keys: {{CLIP: [[SECONDS, LENGTH], …]}}}} or {{morph: NAME, full: LENGTH}}",
                     anyOf=[{"const": "auto"}, LENGTH],
+                    read=read_length,
                 ),
-                anyOf=[{"required": ["morph"]}, {"required": ["full"]}],
+                "morph",
+                "full",
             ),
-            required=["keys"],
+            "keys",
         ),
         "Length from which shortening counts: auto (the rest distance), a length, a percentage, {keys: …} by hand, "
         "{morph: …} by a morph target. Default auto.",
         "auto",
-        read=_read_rest_length,
     )
     lag: Lag | None = key(
-        if_mapping(schema_of(Lag), expects("{frequency: 6, damping: 0.5} or none", enum=["none", None])),
+        either(schema_of(Lag), expects("{frequency: 6, damping: 0.5} or none", enum=["none", None])),
         "Heights follow the shortening as a damped spring does: {frequency: 6, damping: 0.5}, or none. Default none.",
         None,
-        read=lambda value: read_record(Lag, value) if isinstance(value, dict) else None,
     )
     contact: Contact | None = key(
         CONTACT,
         "resolve, or a mapping with more keys: folds that touch do not cross. Default off.",
         "off",
-        read=read_contact,
     )
     bump_height: float = PLAIN_HEIGHT
 
@@ -750,9 +713,9 @@ def with_points(record: type, values: Mapping[str, Any], moved: Callable[[Point]
     readers = readers_of(record)
     found = dict(values)
     for name in values:
-        if readers.get(name) in (read_anchor, read_end, read_tip):
+        if readers.get(name) in (read_anchor, reader_of(END), reader_of(TIP)):
             found[name] = moved(values[name])
-        elif readers.get(name) is read_anchors:
+        elif readers.get(name) == ListReader(read_anchor):
             found[name] = tuple(map(moved, values[name]))
     return found
 
@@ -845,25 +808,22 @@ class ToolsFile:
     )
     up: Up = key(one_of(*get_args(Up)), "Axis of the positions: y (glTF) or z (as Blender shows them). Default y.", "y")
     rest: RestPose | RestFrame = key(
-        if_mapping(
+        either(
             schema_of(RestFrame),
             expects(f"{', '.join(get_args(RestPose))} or {{clip: NAME, time: 0}}", enum=[*get_args(RestPose)]),
         ),
         "Pose in which the tools are attached. Default stored.",
         "stored",
-        read=lambda value: read_record(RestFrame, value) if isinstance(value, dict) else value,
     )
     sampling: Sampling = key(
         schema_of(Sampling),
         "Times at which clips are evaluated.",
         defaults_of(Sampling),
-        read=lambda value: read_record(Sampling, value),
     )
     refinement: RefinementSettings = key(
         schema_of(RefinementSettings),
         "Subdivision under the wrinkles.",
         defaults_of(RefinementSettings),
-        read=lambda value: read_record(RefinementSettings, value),
     )
     presets: Mapping[str, Preset] = key(
         # Keywords for lists, texts and mappings hold for each alone, so all stand side by side.

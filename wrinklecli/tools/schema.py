@@ -6,7 +6,17 @@ Source: JSON Schema, draft 2020-12. `read` checks order, sums and unique names, 
 from importlib import import_module
 
 from wrinklecli.choices import EFFECTS
-from wrinklecli.tools.json_schema import Items, Schema, any_keys, key_of, keys_of, list_of, mapping_of, schema_of
+from wrinklecli.tools.json_schema import (
+    Items,
+    Schema,
+    any_keys,
+    key_of,
+    keys_of,
+    list_of,
+    mapping_of,
+    schema_of,
+    without_readers,
+)
 from wrinklecli.tools.materials import presets
 from wrinklecli.tools.records import PRESET_KEYS, EffectTool, ToolsFile, WrinkleTool
 
@@ -56,7 +66,7 @@ _WIDTHLESS = {"enum": [*(name for name, each in presets().items() if "width" not
 _MATERIAL = TOOL_KEYS["material"]
 _KNOWN = {"properties": {"material": {"enum": _MATERIAL["examples"], "errorMessage": _MATERIAL["errorMessage"]}}}
 
-PRESETS_SCHEMA: Schema = any_keys(mapping_of(PRESET_KEYS), "a mapping of names to keys of tools")
+PRESETS_SCHEMA: Schema = without_readers(any_keys(mapping_of(PRESET_KEYS), "a mapping of names to keys of tools"))
 """The schema of a file of presets, and of what stands after `presets` in a tools file."""
 
 TOOLS_SCHEMA: Schema = {
