@@ -16,6 +16,9 @@ width. The program needs the sum and the bias of "keep". A merit that is not kno
 What is proposed has at least a chance to be kept that follows from this: each character left out in turn, four of five
 proposals, tools and fields together, are kept where the looks agree.
 
+A row of unseen.csv is a place that the fit does not have: nobody had seen its character before what is proposed there.
+sources.csv has the public repositories of characters.
+
 A row of wanted.csv is a place that an artist wants on a character, left and right alike, and the tool or the field that
 `suggest` proposes there.
 """
@@ -45,6 +48,7 @@ from wrinklecli.review.suggest.score import LEAST  # noqa: E402
 from wrinklecli.review.suggest.suggest import suggest  # noqa: E402
 
 PLACES = HERE / "places.csv"
+UNSEEN = HERE / "unseen.csv"
 WANTED = HERE / "wanted.csv"
 WEIGHTS = HERE.parents[1] / "wrinklecli" / "review" / "suggest" / "score.json"
 VERDICTS = ("delete", "weak", "keep")
@@ -127,15 +131,16 @@ class Fit:
         return found
 
 
-def read_places() -> Places:
-    """Read the table."""
-    with PLACES.open(encoding="utf-8", newline="") as file:
+def read_places(path: Path = PLACES, usual: Floats | None = None) -> Places:
+    """Read a table; merits that are not known have the (merits,) `usual` logarithms, by default those of its keeps."""
+    with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     names = list(rows[0])[2 + len(LOOKS) : -2]
     merits = np.array([[float(row[name] or "nan") for name in names] for row in rows])
     logs = np.log2(np.clip(merits, LEAST, 1.0))
     verdicts = np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows])
-    usual = np.nanmean(logs[(verdicts == VERDICTS.index("keep")).any(axis=1)], axis=0)
+    if usual is None:
+        usual = np.nanmean(logs[(verdicts == VERDICTS.index("keep")).any(axis=1)], axis=0)
     return Places(
         names,
         np.array([row["character"] for row in rows]),
@@ -196,7 +201,7 @@ def report(places: Places, chances: Floats, least: float) -> str:
     """A text that says how often chances are right."""
     apart = np.abs(places.verdicts[:, 0] - places.verdicts[:, 1])
     lines = [
-        f"{len(chances)} places on {len(np.unique(places.characters))} characters, each left out in turn:",
+        f"{len(chances)} places on {len(np.unique(places.characters))} characters:",
         f"the looks agree on {100 * np.mean(apart == 0):.1f} %, and are opposite on {np.sum(apart == 2)} places",
         f"right {100 * right(places, chances):.1f} %; the commonest verdict {100 * commonest(places):.1f} %",
     ]
@@ -210,9 +215,15 @@ def report(places: Places, chances: Floats, least: float) -> str:
     return "\n".join(lines)
 
 
+def usual_of(places: Places) -> Floats:
+    """(merits,) mean logarithms of the tools that are to keep where a limb folds."""
+    kept = (places.verdicts == VERDICTS.index("keep")).any(axis=1)
+    found: Floats = places.only(kept & places.limbs & ~places.fields).logs.mean(axis=0)
+    return found
+
+
 def weights_of(places: Places) -> dict[str, object]:
     """The weights as the program reads them."""
-    kept = places.only((places.verdicts == 2).any(axis=1) & places.limbs & ~places.fields).logs.mean(axis=0)
     fit = Fit.of(places)
 
     def by_name(values: Floats) -> dict[str, float]:
@@ -222,7 +233,7 @@ def weights_of(places: Places) -> dict[str, object]:
         "least": least_of(places, left_out(places)),
         "bias": round(float(fit.biases[1]), DIGITS),
         "weights": by_name(fit.weights),
-        "kept": by_name(kept),
+        "kept": by_name(usual_of(places)),
     }
 
 
@@ -272,8 +283,11 @@ def main() -> None:
     chances = left_out(places)
     least, tools = least_of(places, chances), places.counted & ~places.fields
     print(f"proposed is what artists keep with a probability of {100 * least:.0f} % or more")
+    print("each character left out in turn:")
     for name, chosen in (("tools", tools), ("fields", places.fields), ("together", tools | places.fields)):
         print(f"{name}: {report(places.only(chosen), chances[chosen], least)}")
+    unseen = read_places(UNSEEN, usual_of(places))
+    print(f"unseen: {report(unseen, Fit.of(places).chances(unseen), least)}")
     wanted = read_wanted()
     if options.folders:
         look_anew(wanted, options.folders)

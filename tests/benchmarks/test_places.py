@@ -1,5 +1,6 @@
 """The weights of the score are those of places.csv, and hold on characters that they were not fitted to."""
 
+import csv
 import json
 
 import pytest
@@ -43,3 +44,13 @@ def test_fields_that_artists_keep_are_proposed_and_armour_mostly_not() -> None:
     assert keep >= 0.7 * (keep + weak + delete)
     deleted = (table.verdicts[agreed] == places.VERDICTS.index("delete")).all(axis=1).sum()
     assert delete <= 0.2 * deleted
+
+
+def test_unseen_places_have_the_merits_of_the_fit_and_a_public_source() -> None:
+    table = places.read_places()
+    unseen = places.read_places(places.UNSEEN, places.usual_of(table))
+    assert unseen.names == table.names
+    assert not set(unseen.characters) & set(table.characters)
+    with (places.HERE / "sources.csv").open(encoding="utf-8", newline="") as file:
+        sources = {row["character"]: row["repository"] for row in csv.DictReader(file)}
+    assert all(sources[each].startswith("https://") for each in unseen.characters)
