@@ -96,6 +96,19 @@ def test_joints_of_known_rigs_are_parts_of_a_body(rig: str) -> None:
     assert ", ".join(part or "-" for part in found) == parts
 
 
+def test_the_neck_and_the_head_of_rigify_go_on_from_the_spine() -> None:
+    asset = chain("spine", "spine.001", "spine.002", "spine.003", "spine.004", "spine.005", "spine.006", "hair")
+    for _ in range(2):
+        arm = asset.append("nodes", {"name": "shoulder.L", "children": [len(asset.gltf["nodes"]) + 1]})
+        asset.append("nodes", {"name": "upper_arm.L"})
+        asset.gltf["nodes"][3]["children"].append(arm)
+    # A tail is no neck: it leaves the spine below the arms.
+    asset.gltf["nodes"][1]["children"].append(asset.append("nodes", {"name": "spine.007"}))
+    parts = read_bones(as_document(asset)).parts
+    assert parts[:8] == ("spine", "spine", "chest", "chest", "neck", "neck", "head", None)
+    assert parts[-1] == "chest"
+
+
 def test_a_vrm_says_outright_which_node_is_which_bone() -> None:
     asset = chain("a", "b", "c", "Head")
     asset.gltf["extensions"] = {

@@ -178,6 +178,7 @@ def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tm
         (named(dressed(limb_asset(**SIZE), name="Jeans"), "LeftFoot", "LeftToes"), "a shoe"),
         (dressed(limb_asset(**SIZE, normals=False), name="Jeans"), "faceted"),
         (dressed(limb_asset(**SIZE), name="Steel"), "metal"),
+        (named(dressed(limb_asset(**SIZE), name="Jeans"), "Head", "Lock"), "hair, which moves with the head"),
     ],
     ids=lambda each: each if isinstance(each, str) else "",
 )

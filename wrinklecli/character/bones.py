@@ -62,6 +62,8 @@ _END_OF: dict[Literal["arm", "leg"], tuple[Part, Part, Part]] = {
 }
 # Joints of a spine below the chest, if names do not tell.
 _LOWER_SPINE = 2
+# What joints are called with which arms begin.
+_ARMS = frozenset[_Said](("shoulder", "upper arm", "arm"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,15 @@ def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
     for node in reversed(order):
         if parents[node] >= 0:
             below[parents[node]] |= below[node] | {each for each in (said[node],) if each is not None}
+    # Rigify's spine goes on beyond the joint from which the arms branch off: as neck, and the last one as head.
+    trunk = {int(parents[node]) for node in order if said[node] == "spine" and below[node] & _ARMS}
+    for node in order:
+        branch = int(parents[node])
+        if said[node] != "spine" or branch < 0 or branch in trunk:
+            continue
+        leaves_arms = said[branch] == "spine" and below[branch] & _ARMS and not below[branch] & {"neck", "head"}
+        if said[branch] == "neck" or leaves_arms:
+            said[node] = "neck" if "spine" in below[node] else "head"
     parts: list[Part | None] = [None] * len(names)
     above: list[tuple[Part, ...]] = [()] * len(names)
     for node in order:

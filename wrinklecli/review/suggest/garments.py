@@ -12,6 +12,7 @@ import numpy as np
 from wrinklecli.character.bent import bending_nodes
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.paints import texture_info
+from wrinklecli.character.rig import read_hierarchy
 from wrinklecli.choices import SUBSTANCES, MaterialName
 from wrinklecli.choices import Part as PartOfBody
 from wrinklecli.errors import counted
@@ -100,7 +101,9 @@ class Garment:
 def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: SuggestOptions) -> list[Garment]:
     """Find the garments among meshes; of instances the first one counts."""
     garments: list[Garment] = []
-    parts = read_bones(asset.document).parts
+    own, hierarchy = read_bones(asset.document).parts, read_hierarchy(asset.document)
+    # A joint of no part, such as hair's, moves with the part above it.
+    parts = [next((own[k] for k in hierarchy.upwards(node) if own[k]), None) for node in range(len(own))]
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
             found = _garment(asset, mesh, parts, [each.suggestion.field.name for each in garments], options)
