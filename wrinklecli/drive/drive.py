@@ -48,7 +48,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
 from wrinklecli.drive.lag import TAUT
-from wrinklecli.drive.segment import Contraction, Lengths, RestLength, Segment, Tension, point_json, read_point
+from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension, point_json, read_point
 from wrinklecli.drive.stored import (
     Json,
     read_keys,
@@ -164,21 +164,21 @@ class Drive(BaseDrive):
         """True if it has a signal."""
         return self.signal is not None
 
-    def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments | Lowered]:
+    def reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Angles | Moments | Lowered]:
         """A function from (frames,) seconds of a clip, and rows known there as in `node_rows`, to measurements."""
         read, lower = self._reader(rig, clip), None if clip is None else self.heights.get(clip.name)
         if lower is None:
             return read
         return lambda times, known: Lowered(read(times, known), interpolated(times, lower.times, lower.weights))
 
-    def _reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Contraction | Angles | Moments]:
+    def _reader(self, rig: Rig, clip: Clip | None) -> Reader[Lengths | Angles | Moments]:
         if self.signal is None or (clip is not None and clip.name in self.rows):
             return lambda times, _known: Moments(times)
         if isinstance(self.signal, JointAngle):
             return partial(self.signal.angles, rig, clip)
         segment, spring = self.signal, self.signal.spring(self.lag, rig, clip)
         if spring is None:
-            return partial(segment.contraction, rig, clip)
+            return partial(segment.lengths, rig, clip)
 
         def read(times: Floats, known: dict[int, Floats]) -> Lengths:
             found = segment.lengths(rig, clip, times, known)

@@ -68,11 +68,13 @@ class Lengths(NamedTuple):
             infinite while scale hides the character.
         rest_lengths: (frames,) scene units.
         nominal: The rest length for which weights are tabulated, scene units.
+        tension: (frames,) what the activation of a muscle takes of the distances, scene units.
     """
 
     distances: Floats
     rest_lengths: Floats
     nominal: float
+    tension: Floats | float = 0.0
 
     @property
     def active(self) -> Bools:
@@ -91,40 +93,8 @@ class Lengths(NamedTuple):
 
     @property
     def ends(self) -> "Lengths":
-        """The measurements without activation: the same."""
-        return self
-
-
-class Contraction(NamedTuple):
-    """The measurements of a muscle that is activated.
-
-    Attributes:
-        lengths: With what the activation takes.
-        ends: Without it.
-    """
-
-    lengths: Lengths
-    ends: Lengths
-
-    @property
-    def distances(self) -> Floats:
-        """(frames,) distances with what the activation takes, scene units."""
-        return self.lengths.distances
-
-    @property
-    def active(self) -> Bools:
-        """(frames,) True while the character is not hidden."""
-        return self.lengths.active
-
-    @property
-    def rows(self) -> Floats:
-        """(frames,) shortenings with what the activation takes."""
-        return self.lengths.rows
-
-    @property
-    def factors(self) -> Floats:
-        """(frames,) factors on weights that are looked up."""
-        return self.lengths.factors
+        """The measurements without activation."""
+        return self._replace(distances=self.distances + self.tension, tension=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,18 +165,9 @@ class Segment:
         `known` is as in `node_rows`.
         """
         distances = self.distances(pose_carriers(self.points, rig, clip, times, known), len(times))
-        if self.tension is not None:
-            distances = distances - self.tension.at(rig, clip, times)
-        return Lengths(distances, self.rest_length.at(rig, clip, times), self.rest_length.constant)
-
-    def contraction(
-        self, rig: Rig, clip: Clip | None, times: Floats, known: dict[int, Floats] | None = None
-    ) -> Lengths | Contraction:
-        """Measure the segment as `lengths` does, with and without the activation, if it has any."""
-        lengths = self.lengths(rig, clip, times, known)
-        if self.tension is None:
-            return lengths
-        return Contraction(lengths, lengths._replace(distances=lengths.distances + self.tension.at(rig, clip, times)))
+        tension = 0.0 if self.tension is None else self.tension.at(rig, clip, times)
+        rest = self.rest_length
+        return Lengths(distances - tension, rest.at(rig, clip, times), rest.constant, tension)
 
     def distances(self, carriers: Carriers, count: int) -> Floats:
         """(count,) lengths without animated scale in the poses of carriers, without tension, scene units."""

@@ -13,7 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles
-from wrinklecli.drive.segment import Contraction, Lengths
+from wrinklecli.drive.segment import Lengths
 from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
@@ -204,7 +204,7 @@ class BellyTable:
     table: Floats
     gains: Floats
 
-    def weights(self, reading: Lengths | Contraction) -> Floats:
+    def weights(self, reading: Lengths) -> Floats:
         """(frames, targets) weights at the measurements of a muscle."""
         gains = np.where(reading.active, np.interp(reading.rows, self.rows, self.gains), 0.0)
         return np.asarray(gains[:, None] * interpolated(reading.ends.rows, self.rows, self.table))

@@ -56,7 +56,7 @@ def test_distance_is_that_of_the_posed_anchors() -> None:
         np.einsum("c,fcx->fx", anchor.barycentrics, moved[:, anchor.vertices])
         for anchor in (prepared.patch.origin, prepared.patch.target)
     ]
-    distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
+    distances, lengths, *_ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
     assert distances == pytest.approx(np.linalg.norm(ends[1] - ends[0], axis=1), abs=1e-12)
     assert distances.min() < 0.7 * prepared.patch.span
     assert lengths == pytest.approx(prepared.patch.span, abs=0)
@@ -66,7 +66,7 @@ def test_nothing_shortens_at_rest() -> None:
     for asset in (limb_asset(rings=9, sides=8), limb_asset(rings=9, sides=8, clip=None)):
         prepared = prepare(asset)
         clip = prepared.clips[0] if prepared.clips else None
-        distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, clip, np.zeros(1))
+        distances, lengths, *_ = prepared.patch.segment.lengths(prepared.rig, clip, np.zeros(1))
         assert distances == pytest.approx(prepared.patch.span, rel=1e-12)
         assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0]
 
@@ -89,7 +89,7 @@ def test_character_hidden_by_scale_makes_no_wrinkles() -> None:
     asset.channel(animation, 3, "scale", [0, 1, 2], [[1.0] * 3, [0.0] * 3, [1e-7] * 3])
     asset.append("animations", animation)
     prepared = prepare(asset)
-    distances, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0]))
+    distances, lengths, *_ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0]))
     assert np.isinf(distances).tolist() == [False, True, True]
     assert prepared.patch.curve.shortening(distances, lengths).tolist() == [0.0, 0.0, 0.0]
 
@@ -115,7 +115,7 @@ def test_rest_length_follows_a_morph_target_from_0_to_1_and_no_further() -> None
     asset.channel(animation, 0, "weights", [0, 1, 2, 3], [[0.7, 0], [0.7, 0.5], [0.7, 2], [0.7, -1]])
     asset.append("animations", animation)
     prepared = prepare(asset, tool(rest_length={"morph": "morph_1", "full": "125%"}))
-    _, lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
+    _, lengths, *_ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, np.array([0.0, 1.0, 2.0, 3.0]))
     assert lengths == pytest.approx([0.8, 0.9, 1.0, 0.8], abs=1e-7)
 
 

@@ -31,7 +31,7 @@ def wrinkled_lengths(prepared: Prepared, curve: ControlCurve, times: Floats) -> 
     """(times,) how long the limb's line from end to end of the path is over what it was, along its own skinning."""
     us = np.linspace(0.0, 1.0, 801)
     points = np.stack([-0.4 + 0.8 * us, np.full(801, RADIUS), np.zeros(801), np.ones(801)], axis=1)
-    distances, rest_lengths, _ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
+    distances, rest_lengths, *_ = prepared.patch.segment.lengths(prepared.rig, prepared.clip, times)
     amplitudes, _ = curve.follow(distances, rest_lengths)
     raised = np.einsum("tgm,gmu->tu", amplitudes, curve.shapes(us))
     matrices = joint_matrices(prepared.rig, prepared.clip, times)

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.drive.segment import Contraction, Lengths
+from wrinklecli.drive.segment import Lengths
 from wrinklecli.drive.table import ROWS, BellyTable, Table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, distinct_values, interpolated
@@ -72,7 +72,7 @@ class ConstantVolume:
         """(frames,) thicknesses over that at rest, which keep the volume of the belly."""
         return np.asarray(self.shares(distances) ** -0.5)
 
-    def weights(self, reading: Lengths | Contraction) -> Floats:
+    def weights(self, reading: Lengths) -> Floats:
         """(frames, targets) weights at the measurements of the segment; 0 while the character is hidden."""
         gains = self.thicknesses(np.where(reading.active, reading.distances, self.rest_length)) - 1.0
         ends = np.where(reading.active, reading.ends.distances, self.rest_length)

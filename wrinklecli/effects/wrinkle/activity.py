@@ -40,7 +40,7 @@ class Activity:
     @classmethod
     def of(cls, patch: Patch, lengths: Lengths) -> "Activity":
         """A tool at the measurements of its segment."""
-        curve, (distances, rest_lengths, _) = patch.curve, lengths
+        curve, (distances, rest_lengths, *_) = patch.curve, lengths
         shortenings, unabsorbed = curve.shortening(distances, rest_lengths), curve.unabsorbed(distances, rest_lengths)
         return cls(distances, rest_lengths, shortenings, unabsorbed, looked_up(curve, lengths))
 

@@ -123,7 +123,7 @@ def _bend(patch: Patch, rig: Rig) -> tuple[Floats, Clip, Floats]:
     turns = turns_of(patch, rig)
     every = []
     for motion in turns:
-        distances, lengths, _ = patch.segment.lengths(rig, motion, times)
+        distances, lengths, *_ = patch.segment.lengths(rig, motion, times)
         every.append(np.maximum(TAUT - distances / lengths, 0.0))
     chosen = int(np.argmax([shares.max() for shares in every]))
     shares = every[chosen]
