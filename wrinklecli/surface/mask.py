@@ -14,7 +14,6 @@ from wrinklecli.files.claims import is_path
 from wrinklecli.files.inputs import lies_below
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import path_beside, read_file, uri_of
-from wrinklecli.gltf.pixels import read_channel
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_values
 from wrinklecli.surface.ground import Ground
@@ -206,6 +205,8 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
         raise BakeError(f"{mask.image!r} cannot be read: {error.strerror}", where=where) from error
     key = (path, mask.channel, found.st_mtime_ns, found.st_size)
     if key not in ground.masks:
+        from wrinklecli.gltf.pixels import read_channel  # few masks are images
+
         data = read_file(path, memory=document.memory, where=where)
         try:
             values = read_channel(data, mask.channel)

@@ -17,7 +17,7 @@ from wrinklecli.effects.effect import Target
 from wrinklecli.effects.shapes import Shape
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.lookup import CurveResponse, curve_table, looked_up, weight_path
-from wrinklecli.effects.wrinkle.remix import Remix, fewest, in_turn, unit_weights
+from wrinklecli.effects.wrinkle.remix import fewest, in_turn, unit_weights
 
 Floats = NDArray[np.float64]
 
@@ -56,8 +56,8 @@ def planned(
     )
 
 
-def exactly(curve: ControlCurve, remix: Remix | None = None) -> CurveResponse:
-    return CurveResponse(curve, np.arange(curve.greatest_amplitudes.size), remix)
+def exactly(curve: ControlCurve, mix: Floats | None = None) -> CurveResponse:
+    return CurveResponse(curve, np.arange(curve.greatest_amplitudes.size), mix)
 
 
 def everywhere(curve: ControlCurve, shortest: float = 0.9, longest: float = 1.2) -> Lengths:
@@ -212,7 +212,7 @@ def test_other_targets_that_play_the_same_are_looked_up_too(name: str, strategy:
     if remixed is None:
         assert name != "in turn"
         return
-    mixed = replace(response, remix=remixed[1])
+    mixed = replace(response, mix=remixed[1])
     assert_right(mixed, everywhere(response.curve))
     assert_right(mixed, between_rows(mixed.table().rows))
     if name == "unit weights":
@@ -222,7 +222,7 @@ def test_other_targets_that_play_the_same_are_looked_up_too(name: str, strategy:
 def test_targets_may_be_mixtures() -> None:
     curve = planned("both_ends")
     mix = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -2.0], [0.0, -1.0, 2.0]])
-    response, lengths = exactly(curve, Remix(mix)), everywhere(curve)
+    response, lengths = exactly(curve, mix), everywhere(curve)
     assert response.weights(lengths) == pytest.approx(exactly(curve).weights(lengths) @ mix, abs=1e-12)
     assert_right(response, lengths)
 

@@ -9,6 +9,7 @@ projects vertices onto the patch anew each frame, as module `posed` does for `at
 """
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,13 @@ from wrinklecli.effects.shapes import LEAST_SHARE
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.effects.wrinkle.places import Places
-from wrinklecli.effects.wrinkle.posed import Ring, posed_displacements, ring_around
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, distinct_values, singular
 from wrinklecli.surface.refine import Refinement
+
+if TYPE_CHECKING:
+    from wrinklecli.effects.wrinkle.posed import Ring
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class CarriedPatch:
     places: Places
     directions: Floats
     stuck: int
-    ring: Ring | None
+    ring: "Ring | None"
 
     @property
     def us(self) -> Floats:
@@ -117,7 +120,11 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         raise BakeError("moves no vertex: the mesh faces away or lies beside the patch", where=patch.tool.where)
     # If members are projected anew in each frame, any of them may come to lie on the patch.
     chosen = regular & (moving if patch.tool.attachment == "skin" else True)
-    vertices = members[chosen]
+    vertices, ring = members[chosen], None
+    if patch.tool.attachment == "patch":
+        from wrinklecli.effects.wrinkle.posed import ring_around  # few tools ask for it
+
+        ring = ring_around(patch, vertices, kept[chosen], fine)
     return CarriedPatch(
         patch=patch,
         vertices=vertices,
@@ -125,7 +132,7 @@ def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
         directions=fine.raising_at(vertices) * magnitudes[chosen, None],
         # A singular blend gives no normal either, and no magnitude.
         stuck=int(((u >= 0) & (u <= 1) & (np.abs(v) <= 1) & ~regular).sum()),
-        ring=ring_around(patch, vertices, kept[chosen], fine) if patch.tool.attachment == "patch" else None,
+        ring=ring,
     )
 
 
@@ -152,6 +159,8 @@ def displacements(
         amplitudes = activity(patch, rig, clip, times).amplitudes
     amplitudes = patch.clip_strength(clip) * amplitudes
     if carried.ring is not None:
+        from wrinklecli.effects.wrinkle.posed import posed_displacements
+
         return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
     heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes())
     return np.asarray(heights[..., None] * carried.directions)

@@ -18,7 +18,7 @@ its highest knot for lower ones.
 
 import dataclasses
 from functools import cached_property
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -26,11 +26,13 @@ from wrinklecli.choices import Profile, Strategy
 from wrinklecli.drive.lag import TAUT
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.wrinkle.bumps import Bumps, count_intervals, group_bumps
-from wrinklecli.effects.wrinkle.polyline import PolylineProfile, plan_polyline, reachable_heights
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
-BumpProfile: TypeAlias = SmoothProfile | PolylineProfile
+if TYPE_CHECKING:
+    from wrinklecli.effects.wrinkle.polyline import PolylineProfile
+
+BumpProfile: TypeAlias = "SmoothProfile | PolylineProfile"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,6 +291,8 @@ def plan_curve(
     groups = group_bumps(bumps, strategy)
     shape: BumpProfile
     if profile == "polyline":
+        from wrinklecli.effects.wrinkle.polyline import plan_polyline, reachable_heights  # few tools ask for it
+
         taut = TAUT * rest_length
         sharing = float(widths[list(groups[0])].sum())
         reached = (1.0 - compressible) * taut

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,12 +19,14 @@ from wrinklecli.effects.wrinkle.bending import rising
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, displacements
 from wrinklecli.effects.wrinkle.lookup import CurveResponse, weight_path
 from wrinklecli.effects.wrinkle.patch import Patch
-from wrinklecli.effects.wrinkle.remix import Remixed, fewest, in_turn, unit_weights
 from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, distinct_values, interpolated
+
+if TYPE_CHECKING:
+    from wrinklecli.effects.wrinkle.remix import Remixed
 
 SECTION = "tools"
 """The key of extras and report under which wrinkling tools stand."""
@@ -199,14 +202,14 @@ class _Remixes(Remixes):
         )
 
     def _remixed(
-        self, effect: Effect, remixed: Remixed | None, error: float = 0.0, table: Table | None = None
+        self, effect: Effect, remixed: "Remixed | None", error: float = 0.0, table: Table | None = None
     ) -> Effect:
         """The effect with other shapes; itself if there are none."""
         if remixed is None:
             return effect
         shapes, mixed = remixed
         assert isinstance(effect.words, WrinkleWords)
-        return replace(self, exact=replace(self.exact, remix=mixed)).effect(
+        return replace(self, exact=replace(self.exact, mix=mixed)).effect(
             named_targets(effect.identifier, shapes), effect.words, effect.error + error, table
         )
 
@@ -219,6 +222,8 @@ class _Remixes(Remixes):
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1]: shapes are scaled, and split if their weights may be negative."""
+        from wrinklecli.effects.wrinkle.remix import unit_weights  # few bakes name an engine
+
         found = unit_weights(effect.targets, self._path())
         if found is None:
             return effect
@@ -226,12 +231,14 @@ class _Remixes(Remixes):
         assert isinstance(effect.drive, Drive)
         assert isinstance(effect.drive.response, Table)
         # The same rows play the same motion exactly.
-        made = self._remixed(effect, remixed, table=effect.drive.response.mapped(remixed[1].weights))
+        made = self._remixed(effect, remixed, table=effect.drive.response.mapped(lambda own: own @ remixed[1]))
         assert isinstance(made.drive, Drive)
         return replace(made, drive=replace(made.drive, lows=lows if lows.any() else None))
 
     def with_fewest_targets(self, effect: Effect, plan: MeshPlan, tolerance: float, *, at_once: bool) -> Effect:
         """The fewest targets for the whole range of shortenings; among equals at once, the exact ones are first."""
+        from wrinklecli.effects.wrinkle.remix import fewest, in_turn
+
         greatest, columns = self.carried.patch.curve.greatest_amplitudes, self.exact.columns
         reduced = fewest(effect.targets, self._path(), columns // greatest.shape[1], tolerance)
         fewer = effect if reduced is None else self._remixed(effect, *reduced)
@@ -249,6 +256,8 @@ class _RowRemixes(Remixes):
 
     def with_unit_weights(self, effect: Effect) -> Effect:
         """The same motion with weights in [0, 1], from those of all clips."""
+        from wrinklecli.effects.wrinkle.remix import unit_weights
+
         assert isinstance(effect.drive, Drive)
         rows = effect.drive.rows
         path = np.concatenate([np.zeros((0, len(effect.targets))), *(each.weights for each in rows.values())])
@@ -261,7 +270,7 @@ class _RowRemixes(Remixes):
             effect.drive,
             targets=tuple(each.name for each in targets),
             response=Table("shortenings", np.zeros(1), np.zeros((1, len(targets)))),
-            rows={name: Rows(each.times, mixed.weights(each.weights)) for name, each in rows.items()},
+            rows={name: Rows(each.times, each.weights @ mixed) for name, each in rows.items()},
             lows=lows,
         )
         return replace(effect, targets=targets, drive=drive)

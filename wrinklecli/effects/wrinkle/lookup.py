@@ -20,7 +20,6 @@ from wrinklecli.drive.segment import Lengths
 from wrinklecli.drive.stored import stored
 from wrinklecli.drive.table import ROWS, TABLE_ERROR, Table
 from wrinklecli.effects.wrinkle.curve import ControlCurve
-from wrinklecli.effects.wrinkle.remix import Remix
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.piecewise import key_points
@@ -51,12 +50,13 @@ class CurveResponse:
     Attributes:
         curve: The control curve.
         columns: (shapes,) numbers of the curve's shapes, group by group and mode by mode, that move a vertex.
-        remix: The other shapes that an engine's limits ask for; None if the shapes are the control curve's.
+        mix: (shapes, targets) factors from their weights to those of other shapes that an engine's limits ask for; None
+            if the shapes are the control curve's.
     """
 
     curve: ControlCurve
     columns: Ints
-    remix: Remix | None = None
+    mix: Floats | None = None
 
     def at(self, shortenings: Floats) -> Floats:
         """(rows, targets) weights at (rows,) shortenings over the nominal rest length, 1 - distance / rest length."""
@@ -65,7 +65,7 @@ class CurveResponse:
     def mixed(self, weights: Floats) -> Floats:
         """(rows, targets) weights from (rows, groups, modes) those of the curve's shapes."""
         own = weights.reshape(len(weights), -1)[:, self.columns]
-        return own if self.remix is None else self.remix.weights(own)
+        return own if self.mix is None else own @ self.mix
 
     def weights(self, reading: Lengths) -> Floats:
         """(frames, targets) weights at the measurements of a segment."""
@@ -75,7 +75,7 @@ class CurveResponse:
 
     def table(self, error: float = TABLE_ERROR) -> Table:
         """Tabulate the weights, right to an error over the greatest weight."""
-        if self.remix is None and error >= TABLE_ERROR:
+        if self.mix is None and error >= TABLE_ERROR:
             return curve_table(self.curve).mapped(lambda weights: weights[:, self.columns])
         return _tabulated(self, error)
 

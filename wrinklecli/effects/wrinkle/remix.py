@@ -6,7 +6,6 @@ import numpy as np
 
 from wrinklecli.effects.effect import Target
 from wrinklecli.effects.shapes import Shape, summed
-from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints
 from wrinklecli.numeric.reduction import fewest_axes, peaks_of
 
@@ -14,23 +13,8 @@ from wrinklecli.numeric.reduction import fewest_axes, peaks_of
 _ONE = 1.0 + 2.0**-25
 
 
-@dataclass(frozen=True, slots=True)
-class Remix:
-    """Other shapes than a tool's own, which play the same motion within an engine's limits.
-
-    Attributes:
-        mix: (own shapes, shapes) factors from weights of the tool's shapes to those of the new.
-    """
-
-    mix: Floats
-
-    def weights(self, own: Floats) -> Floats:
-        """(frames, shapes) weights of the new shapes from (frames, own shapes) weights of the tool's."""
-        return own @ self.mix
-
-
-Remixed = tuple[list[Shape], Remix]
-"""New shapes, and their relation to the tool's own."""
+Remixed = tuple[list[Shape], Floats]
+"""New shapes, and (own shapes, shapes) factors from weights of the tool's own shapes to those of the new."""
 
 
 def unit_weights(targets: Sequence[Target], path: Floats) -> tuple[Remixed, Floats] | None:
@@ -46,7 +30,7 @@ def unit_weights(targets: Sequence[Target], path: Floats) -> tuple[Remixed, Floa
         return None
     shapes = [summed([each.shape], np.array([peak])) for each, peak in zip(targets, peaks, strict=True)]
     negated = [summed([shapes[column]], np.array([-1.0])) for column in np.flatnonzero(lows)]
-    return ([*shapes, *negated], Remix(np.diag(1.0 / peaks))), lows
+    return ([*shapes, *negated], np.diag(1.0 / peaks)), lows
 
 
 def fewest(targets: Sequence[Target], path: Floats, groups: Ints, tolerance: float) -> tuple[Remixed, float] | None:
@@ -77,7 +61,7 @@ def fewest(targets: Sequence[Target], path: Floats, groups: Ints, tolerance: flo
         return None
     peaks = peaks_of(path @ axes.T)
     parts = axes * peaks[:, None] / heights
-    return ([summed(old, row) for row in parts], Remix(heights[:, None] * axes.T / peaks)), error(axes)
+    return ([summed(old, row) for row in parts], heights[:, None] * axes.T / peaks), error(axes)
 
 
 def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats) -> Remixed | None:
@@ -107,4 +91,4 @@ def in_turn(targets: Sequence[Target], columns: Ints, greatest: Floats) -> Remix
             if k:
                 mix[column, acting[k - 1]] = -heights[column] / heights[acting[k - 1]]
     old = [target.shape for target in targets]
-    return [summed(old, row) for row in parts], Remix(mix)
+    return [summed(old, row) for row in parts], mix
