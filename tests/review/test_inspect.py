@@ -19,7 +19,7 @@ from kit.samples import sample
 from wrinklecli.character.clip import read_clips
 from wrinklecli.errors import AssetError, WrinkleError
 from wrinklecli.gltf.document import Document, read_document
-from wrinklecli.review.inspect import KINDS, _touch, inspect
+from wrinklecli.review.inspect import KINDS, _described, inspect
 
 
 @pytest.mark.parametrize("name", ["wrist", "head", "trousers"])
@@ -410,4 +410,4 @@ def test_a_touch_is_carried_by_the_joints_of_its_middle() -> None:
         "targets": ["a"],
     }
     said = {"name": "tap", "joints": ["hand", "thumb"], "pad": 0.1, "grip": 0.06, "directions": 3, "targets": ["a"]}
-    assert _touch(drive) == said
+    assert _described("touches", drive) == said

@@ -21,6 +21,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.errors import BakeError, log_findings, refuse_warnings
 from wrinklecli.files.outputs import Outputs, part_of
+from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.images import image_files
 from wrinklecli.gltf.writer import write
@@ -91,12 +92,13 @@ def _bake(
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
             for plan in plans:
                 refuse_too_much(job, plan, job.clips, None if out is None else os.fspath(out))
+        run = _Run(job, clock, progress)
         edited = EditedDocument(job.document, storage=storage(options.engine, options.accessors))
         posed, morphed = [], []
         if options.mode == "frames" or options.frames_dir is not None:
-            posed = [_pose_frames(job, plan, clock, progress) for plan in plans]
+            posed = [run.pose_frames(plan) for plan in plans]
         if options.mode != "frames" and out is not None:
-            morphed = [_add_morph_targets(job, edited, plan, clock, progress) for plan in plans]
+            morphed = [run.add_morph_targets(edited, plan) for plan in plans]
             with clock.stage("encode"):
                 if options.split or job.joined:
                     edited, morphed = split_meshes(edited, morphed, job.joined, asked=options.split)
@@ -110,88 +112,75 @@ def _bake(
             log_findings(report.warnings, report.notes, where=os.fspath(asset))
             if options.strict:
                 refuse_warnings(report.warnings, where=os.fspath(asset))
-        written = _write(job, edited, posed, out, outputs, clock, progress)
+        written = run.write(edited, posed, out, outputs)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)
 
 
-def _pose_frames(job: Job, plan: MeshPlan, clock: StageClock, progress: Progress) -> BakedMesh:
-    """Sample a mesh's clips at each frame."""
-    with clock.stage("sample"):
-        effects, motions = _sample(job, plan, "frames", progress)
-    if not motions:
-        raise BakeError("has no clip: there is no frame to write", where=job.document.path)
-    return BakedMesh(plan, tuple(effects), tuple(motions))
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """What all steps of a bake share."""
 
+    job: Job
+    clock: StageClock
+    progress: Progress
 
-def _sample(job: Job, plan: MeshPlan, mode: Mode, progress: Progress) -> tuple[list[Effect], list[Motion]]:
-    """Run the effects of a mesh over all clips."""
-    return sample_effects(plan, job.clips, _sampling(job, mode, progress))
+    def pose_frames(self, plan: MeshPlan) -> BakedMesh:
+        """Sample a mesh's clips at each frame."""
+        effects, motions = self._sample(plan, self._sampling("frames"))
+        if not motions:
+            raise BakeError("has no clip: there is no frame to write", where=self.job.document.path)
+        return BakedMesh(plan, tuple(effects), tuple(motions))
 
+    def _sampling(self, mode: Mode) -> SamplingOptions:
+        """The options with which clips are sampled."""
+        fps, memory = self.job.settings.sampling.fps, self.job.document.memory
+        return SamplingOptions(fps, mode, memory, self.progress, self.job.options.jobs)
 
-def _sampling(job: Job, mode: Mode, progress: Progress) -> SamplingOptions:
-    """The options with which clips are sampled."""
-    return SamplingOptions(job.settings.sampling.fps, mode, job.document.memory, progress, job.options.jobs)
+    def _sample(self, plan: MeshPlan, how: SamplingOptions) -> tuple[list[Effect], list[Motion]]:
+        """Run the effects of a mesh over all clips."""
+        with self.clock.stage("sample"):
+            return sample_effects(plan, self.job.clips, how)
 
+    def add_morph_targets(self, edited: EditedDocument, plan: MeshPlan) -> BakedMesh:
+        """Sample a mesh's clips, put targets for the engine and their tracks into the document, and prove them."""
+        options, document, how = self.job.options, self.job.document, self._sampling("morph")
+        effects, motions = self._sample(plan, how)
+        tangents, budget = options.morph_tangents, None
+        if options.engine is not None:
+            with self.clock.stage("budget"):
+                effects, motions, budget = fit_budget(
+                    document, plan, effects, motions, self.job.every_clip, options.engine, how, tangents=tangents
+                )
+        tracked, idle = motions if options.tracks == "all" else [], options.mode == "weights"
+        with self.clock.stage("encode"):
+            names = encode_morphs(edited, plan, effects, tracked, tangents=tangents, draft=options.draft, idle=idle)
+        residuals = {}
+        if options.tracks == "all" and not options.draft and not idle:
+            with self.clock.stage("prove"):
+                residuals = prove(edited, plan, effects, motions, details=options.details, progress=self.progress)
+        own_bytes = own_target_bytes(document.gltf, plan.rig.own), own_target_bytes(edited.gltf, plan.rig.own)
+        return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes, joint_names=names)
 
-def _add_morph_targets(
-    job: Job, edited: EditedDocument, plan: MeshPlan, clock: StageClock, progress: Progress
-) -> BakedMesh:
-    """Sample a mesh's clips, put targets for the engine and their tracks into the document, and prove them."""
-    options = job.options
-    with clock.stage("sample"):
-        effects, motions = _sample(job, plan, "morph", progress)
-    budget = None
-    if options.engine is not None:
-        with clock.stage("budget"):
-            how = _sampling(job, "morph", progress)
-            effects, motions, budget = fit_budget(
-                job.document,
-                plan,
-                effects,
-                motions,
-                job.every_clip,
-                options.engine,
-                how,
-                tangents=options.morph_tangents,
-            )
-    tracked = motions if options.tracks == "all" else []
-    with clock.stage("encode"):
-        idle = options.mode == "weights"
-        names = encode_morphs(
-            edited, plan, effects, tracked, tangents=options.morph_tangents, draft=options.draft, idle=idle
-        )
-    residuals = {}
-    if options.tracks == "all" and not options.draft and not idle:
-        with clock.stage("prove"):
-            residuals = prove(edited, plan, effects, motions, details=options.details, progress=progress)
-    own_bytes = own_target_bytes(job.document.gltf, plan.rig.own), own_target_bytes(edited.gltf, plan.rig.own)
-    return BakedMesh(plan, tuple(effects), tuple(motions), residuals, budget, own_bytes, joint_names=names)
+    def write(
+        self, edited: EditedDocument, posed: Sequence[BakedMesh], out: str | os.PathLike[str] | None, outputs: Outputs
+    ) -> int | None:
+        """Write the files of `frames_dir` and OUT; return the size of OUT with the files beside it."""
+        options = self.job.options
+        if out is not None and options.mode == "frames":
+            from wrinklecli.baking.frames import encode_frames  # most bakes make none
 
+            with self.clock.stage("encode"):
+                for mesh in posed:
+                    encode_frames(edited, mesh, self.progress)
+        if options.frames_dir is not None:
+            from wrinklecli.baking.frame_files import export_frames
 
-def _write(
-    job: Job,
-    edited: EditedDocument,
-    posed: Sequence[BakedMesh],
-    out: str | os.PathLike[str] | None,
-    outputs: Outputs,
-    clock: StageClock,
-    progress: Progress,
-) -> int | None:
-    """Write the files of `frames_dir` and OUT; return the size of OUT with the files beside it."""
-    options = job.options
-    if out is not None and options.mode == "frames":
-        from wrinklecli.baking.frames import encode_frames  # most bakes make none
-
-        with clock.stage("encode"):
-            for mesh in posed:
-                encode_frames(edited, mesh, progress)
-    if options.frames_dir is not None:
-        from wrinklecli.baking.frame_files import export_frames
-
-        with clock.stage("export"):
-            export_frames(job.document, posed, options.frames_dir, options.frames_format, outputs, progress)
-    if out is None:
-        return None
-    with clock.stage("write"):
-        return write(edited, out, seal=partial(seal, job.asset), outputs=outputs)
+            with self.clock.stage("export"):
+                export_frames(
+                    self.job.document, posed, options.frames_dir, options.frames_format, outputs, self.progress
+                )
+        if out is None:
+            return None
+        with self.clock.stage("write"):
+            return write(edited, out, seal=partial(seal, self.job.asset), outputs=outputs)

@@ -275,7 +275,11 @@ def _wrinkles(document: Document) -> Iterator[Json]:
                 "node": _node_name(document, index),
                 "method": entry.get("method"),
                 "draft": entry.get("draft") is True,
-                **{key: list(map(of, entry[key])) for key, of in _DESCRIBED.items() if key in entry or key == "tools"},
+                **{
+                    key: [_described(key, each) for each in entry[key]]
+                    for key in _DESCRIBED
+                    if key in entry or key == "tools"
+                },
                 "undriven": [str(name) for name in entry.get("undriven", [])],
             }
         except (LookupError, TypeError, ValueError, AttributeError) as error:
@@ -283,61 +287,45 @@ def _wrinkles(document: Document) -> Iterator[Json]:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error
 
 
-def _swing(drive: Json) -> Json:
-    """A region of flesh, as a bake has recorded it."""
+def _segment(drive: Json) -> Json:
+    """The joints of a drive by a segment, and its length."""
+    first, *between, last = map(_joints, anchors_of(drive))
     return {
-        "name": str(drive["name"]),
-        "joint": str(drive["joint"]),
-        "frequencies": [_number(mode["frequency"]) for mode in drive["modes"]],
-        "targets": [str(name) for name in drive["targets"]],
+        "origin_joints": first,
+        **({"between_joints": between} if "anchors" in drive else {}),
+        "target_joints": last,
+        "rest_length": _number(drive["rest_length"]),
     }
 
 
-def _touch(drive: Json) -> Json:
-    """A touch, as a bake has recorded it."""
-    return {
-        "name": str(drive["name"]),
+def _turn(turn: Json) -> Json:
+    """A joint that folds a field."""
+    ends = [significant(math.degrees(_number(turn["angles"][end])), 4) for end in (0, -1)]
+    return {"joint": str(turn["joint"]), "degrees": ends, "shapes": len(turn["weights"][0])}
+
+
+# The effects by their lists in extras, each with what describes one beside its name and its targets.
+_DESCRIBED: Mapping[str, Callable[[Json], Json]] = {
+    "muscles": _segment,
+    "flesh": lambda drive: {
+        "joint": str(drive["joint"]),
+        "frequencies": [_number(mode["frequency"]) for mode in drive["modes"]],
+    },
+    "touches": lambda drive: {
         "joints": _joints(anchors_of(drive)[0]),
         "pad": _number(drive["pad"]),
         "grip": _number(drive["grip"]),
         "directions": len(drive["windows"]),
-        "targets": [str(name) for name in drive["targets"]],
-    }
-
-
-def _segment(drive: Json) -> Json:
-    """A drive by a segment, as a bake has recorded it."""
-    return {
-        "name": str(drive["name"]),
-        "origin_joints": _joints(anchors_of(drive)[0]),
-        **({"between_joints": list(map(_joints, drive["anchors"][1:-1]))} if "anchors" in drive else {}),
-        "target_joints": _joints(anchors_of(drive)[-1]),
-        "rest_length": _number(drive["rest_length"]),
-        "targets": [str(name) for name in drive["targets"]],
-    }
-
-
-def _field(drive: Json) -> Json:
-    """A field, as a bake has recorded it."""
-    turns = [
-        {
-            "joint": str(turn["joint"]),
-            "degrees": [significant(math.degrees(_number(turn["angles"][end])), 4) for end in (0, -1)],
-            "shapes": len(turn["weights"][0]),
-        }
-        for turn in drive["turns"]
-    ]
-    return {"name": str(drive["name"]), "turns": turns, "targets": [str(name) for name in drive["targets"]]}
-
-
-# The effects by their lists in extras, with what describes one.
-_DESCRIBED: Mapping[str, Callable[[Json], Json]] = {
-    "muscles": _segment,
-    "flesh": _swing,
-    "touches": _touch,
+    },
     "tools": _segment,
-    "fields": _field,
+    "fields": lambda drive: {"turns": list(map(_turn, drive["turns"]))},
 }
+
+
+def _described(kind: str, drive: Json) -> Json:
+    """An effect as a bake has recorded it."""
+    own = _DESCRIBED[kind](drive)
+    return {"name": str(drive["name"]), **own, "targets": [str(name) for name in drive["targets"]]}
 
 
 def _joints(anchor: Json) -> list[str]:
