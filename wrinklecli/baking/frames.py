@@ -12,7 +12,6 @@ from wrinklecli.baking.morphs import encode_mesh, turned_normals
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, base_normals, nonzero_directions, old_values, primitives_of
 from wrinklecli.baking.report import BakedMesh
 from wrinklecli.character.pose import joint_matrices, morph_weights
-from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import pose, prepare
 from wrinklecli.effects.effect import Motion, target_weights, targets_of
 from wrinklecli.frozen import dataclass
@@ -132,7 +131,11 @@ def encode_frames(edited: EditedDocument, mesh: BakedMesh, progress: Progress) -
     nodes, meshes = edited.gltf["nodes"], edited.gltf["meshes"]
     group: Json = {"name": f"{rig.node_name}_frames", "children": []}
     nodes.append(group)
-    _add_root(edited, rig, len(nodes) - 1)
+    # At the root of every scene that shows the rig's node, as frames are in world space.
+    *_, root = rig.upwards(rig.node)
+    for scene in edited.gltf.get("scenes", []):
+        if root in scene.get("nodes", []):
+            scene["nodes"].append(len(nodes) - 1)
     total = sum(len(motion.times) for motion in mesh.motions)
     first, done = len(nodes), 0
     for motion in mesh.motions:
@@ -169,14 +172,6 @@ def _frame_mesh(edited: EditedDocument, template: Json, posed: PosedFrame, bound
         kept = {key: value for key, value in primitive.items() if key not in ("attributes", "targets")}
         primitives.append({"attributes": attributes, **kept})
     return {"primitives": primitives}
-
-
-def _add_root(edited: EditedDocument, rig: Rig, node: int) -> None:
-    """Put a node at the root of every scene that shows the rig's node, as frames are in world space."""
-    *_, root = rig.upwards(rig.node)
-    for scene in edited.gltf.get("scenes", []):
-        if root in scene.get("nodes", []):
-            scene["nodes"].append(node)
 
 
 def _show_in_turn(edited: EditedDocument, motion: Motion, start: int, shown: int) -> None:

@@ -249,7 +249,11 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
                 node = _nodes_of(tool, document, names)[0]
                 tool = _by_own_names(tool, names)
                 found.setdefault(node, []).append(tool)
-                for over in _moved_along(tool, node):
+                # A region, once for each mesh that moves with it.
+                every = (
+                    [replace(tool, node=each, carrier=node) for each in tool.meshes] if isinstance(tool, Flesh) else []
+                )
+                for over in every:
                     if (why := why_left_out(over, document, names)) is not None:
                         warnings.append(f"{tool.name}: a mesh is left out, as {why}")
                         continue
@@ -278,12 +282,6 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
     if not found:
         raise BakeError("no tool is left: those that there are, are absent or of strength 0", where=settings.path)
     return dict(sorted(found.items())), warnings
-
-
-def _moved_along(tool: EffectTool, node: int) -> list[Flesh]:
-    """A region of a node, once for each mesh that moves with it."""
-    names = tool.meshes if isinstance(tool, Flesh) else ()
-    return [replace(tool, node=name, carrier=node) for name in names if isinstance(tool, Flesh)]
 
 
 def _parts_of(node: Json) -> list[str]:

@@ -55,7 +55,11 @@ def build(
     """
     job = here.job
     options = bake_options(job)
-    _make_folders(here)
+    for _, folder in here.roots.values():  # if the job fails, they go when the batch ends
+        try:
+            os.makedirs(folder or ".", exist_ok=True)
+        except OSError as error:
+            raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
     # A new count of the peak memory, if the system can: see `proc_pid_clear_refs(5)`.
     with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
         file.write("5")
@@ -110,15 +114,6 @@ def bake_options(job: BatchJob) -> BakeOptions:
         values["max_error"] = parse_length(values["max_error"])
     values["max_memory"] = job.max_memory
     return BakeOptions(details=job.report is not None, **values)
-
-
-def _make_folders(here: Staged) -> None:
-    """Make the folders of the outputs. If the job fails, they go when the batch ends."""
-    for _, folder in here.roots.values():
-        try:
-            os.makedirs(folder or ".", exist_ok=True)
-        except OSError as error:
-            raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
 
 
 def _files_to_keep(here: Staged, written: list[str], maps: Sequence[str]) -> list[tuple[str, str, str]]:

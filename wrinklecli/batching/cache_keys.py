@@ -61,7 +61,8 @@ def parts_of(job: BatchJob, given: BatchJob) -> Parts:
         "anim": [_digests(path, references, external=external) for path in job.options.get("anim", ())],
         "anims": [[os.path.basename(path), _digests(path, references, external=external)] for path in job.anims],
         "options": {**options, "frames": "frames_dir" in job.options, "maps": "maps_dir" in job.options},
-        "beside": [_are_beside(*paths) for paths in job.models],
+        # An output in the folder of its asset refers to the same files.
+        "beside": [len({os.path.realpath(os.path.dirname(each)) for each in paths}) == 1 for paths in job.models],
         "names": {name: os.path.basename(getattr(job, name) or "") for name in _NAMED_OUTPUTS},
     }
     if job.report:  # a report names the inputs as the manifest does
@@ -82,11 +83,6 @@ def difference(old: Parts | None, new: Parts) -> str:
     words["beside"] = "the folder of an output"
     changed = [words.get(part, part) for part in new if old.get(part) != new[part]]
     return f"{', '.join(dict.fromkeys(changed))} changed" if changed else "the cache has lost it"
-
-
-def _are_beside(asset: str, out: str) -> bool:
-    """True if an output is in the folder of its asset, and so refers to the same files."""
-    return os.path.realpath(os.path.dirname(asset)) == os.path.realpath(os.path.dirname(out))
 
 
 def _digests(

@@ -47,11 +47,13 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
     for line, each in lines:
         try:
             value = json.loads(each, parse_constant=refuse_constant)
-            _refuse_surrogates(value)
+            json.dumps(value, ensure_ascii=False).encode()
         except (ValueError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error)
             if isinstance(error, RecursionError):
                 reason = "nested deeper than any job"
+            elif isinstance(error, UnicodeEncodeError):  # JSON writes half of a character as an escape
+                reason = f"\\u{ord(error.object[error.start]):04x} is half of a character"
             problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
             continue
         jobs.append(_node(value, line))
@@ -61,14 +63,6 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
 def refuse_constant(name: str) -> Any:
     """Raise ValueError for NaN or an infinity, which Python's parser of JSON would take."""
     raise ValueError(f"{name} is no number in JSON")
-
-
-def _refuse_surrogates(value: Any) -> None:
-    """Refuse half of a character that JSON writes as two escapes: no file has such a name."""
-    try:
-        json.dumps(value, ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        raise ValueError(f"\\u{ord(error.object[error.start]):04x} is half of a character") from None
 
 
 def _tree(jobs: list[Node]) -> Node:

@@ -21,7 +21,6 @@ from wrinklecli.numeric.arrays import Bools, determinants, median
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.refine import Refinement, refine
-from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import EffectTool, Length, ToolsFile
 
 # Units in the last place by which products of skinning are rounded in float32: no error can be held below.
@@ -171,7 +170,9 @@ def plan_on(
         max(each.greatest_height for each in attached if type(each) is kind)
         for kind in {type(each) for each in attached}
     )
-    bound = max(max_error.resolve(tallest), _float32_error(rest))
+    # The error of posed positions from float32 alone: no bound can be held below it.
+    least = _FLOAT32_STEPS * float(np.spacing(np.float32(np.abs(rest.positions).max())))
+    bound = max(max_error.resolve(tallest), least)
     # A new vertex is mixed from three of the asset's.
     most = influence_count(document, rig) * (1 if stored else 3)
     fine = refine(
@@ -263,9 +264,3 @@ def track_warnings(plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
         for clip in clips
         if rig.own.morph_names and clip.channel(rig.node, "weights") is None
     ]
-
-
-def _float32_error(rest: Rest) -> float:
-    """The error of posed positions from float32 alone, scene units; no bound can be held below it."""
-    largest = float(np.abs(rest.positions).max())
-    return _FLOAT32_STEPS * float(np.spacing(np.float32(largest)))

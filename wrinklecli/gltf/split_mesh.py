@@ -5,7 +5,7 @@ Source: glTF 2.0 §3.7.2 (meshes), §3.7.2.2 (morph targets), §3.11 (animation)
 
 import copy
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, count
 from typing import Any
 
@@ -196,17 +196,11 @@ def _beside(gltf: Json, before: int, node: int, number: int, targets: Sequence[i
     extensions = {key: each for key, each in kept.pop("extensions", {}).items() if key in _OF_MESHES}
     made = kept | {"mesh": len(gltf["meshes"]) - 1} | ({"extensions": extensions} if extensions else {})
     nodes.append(_named(_with_targets(made, targets), number, nodes))
-    for siblings in _siblings(gltf, before):
-        siblings.insert(siblings.index(before) + 1, len(nodes) - 1)
+    for holder in (*nodes[:-1], *gltf.get("scenes", [])):
+        siblings = holder.get("children", holder.get("nodes", []))
+        if before in siblings:
+            siblings.insert(siblings.index(before) + 1, len(nodes) - 1)
     return len(nodes) - 1
-
-
-def _siblings(gltf: Json, node: int) -> Iterator[list[int]]:
-    """The lists of nodes, of a parent or of scenes, which contain a node."""
-    for holder in (*gltf["nodes"], *gltf.get("scenes", [])):
-        found = holder.get("children", holder.get("nodes", []))
-        if node in found:
-            yield found
 
 
 def _named(made: Json, number: int, others: Iterable[Json]) -> Json:

@@ -246,7 +246,10 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         axis=found.axis,
         side=found.side,
     )
-    response = ConstantVolume(span, tendons, *_modes(muscle))
+    modes = np.ones(1), np.array([FULLEST - 1.0]), np.ones((1, 1))
+    if muscle.travel:
+        modes = travelling(activated=muscle.activation is not None)
+    response = ConstantVolume(span, tendons, *modes)
     deltas, heights = displaced(belly, response, Skin(rest.positions, rest.blended, rest.normals_at))
     if not heights.any():
         raise BakeError("no vertex lies above it", where=muscle.where)
@@ -266,13 +269,6 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
 def _with_lows(deltas: Floats, lows: Floats) -> Floats:
     """(targets, vertices, 3) displacements, with those of the further targets of `lows`."""
     return np.concatenate([deltas, -lows[lows > 0, None, None] * deltas[lows > 0]])
-
-
-def _modes(muscle: Muscle) -> tuple[Floats, Floats, Floats]:
-    """(knots,) thicknesses over that at rest, (knots,) those gained, and (knots, targets) weights there."""
-    if not muscle.travel:
-        return np.ones(1), np.array([FULLEST - 1.0]), np.ones((1, 1))
-    return travelling(activated=muscle.activation is not None)
 
 
 def _resolved(wanted: object, usual: float, whole: float) -> float:

@@ -26,14 +26,6 @@ _BENT = 0.7
 _LEAST = 1e-3
 
 
-def touch_effect(plan: MeshPlan, attached: AttachedTouch, deltas: Floats, rows: Floats) -> Effect:
-    """The effect of a touch with (targets, fine vertices, 3) displacements at weight 1, bind space.
-
-    Its normals are fitted at (rows, targets) weights. Windows of rings that move no vertex have no target.
-    """
-    return body_effect(attached, body_shapes(plan, deltas, rows), TouchWords(attached, deltas))
-
-
 class TouchWords(BodyWords[AttachedTouch]):
     """A touch's words about itself."""
 
@@ -121,7 +113,7 @@ class TouchLayer(BodyLayer[AttachedTouch]):
         return TouchWords(attached, deltas)
 
     def effect(self, plan: MeshPlan, attached: AttachedTouch, deltas: Floats) -> Effect:
-        """The effect of one touch."""
+        """The effect of one touch; windows of rings that move no vertex have no target."""
         drive = attached.drive
         angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
         if len(drive.places[0].windows) == 1:
@@ -142,7 +134,7 @@ class TouchLayer(BodyLayer[AttachedTouch]):
             rows = np.concatenate(
                 [rows, *(drive.weights_of_contacts(bent, np.full(len(bent), bend)) for bend in (-_BENT, _BENT))]
             )
-        return touch_effect(plan, attached, deltas, rows)
+        return body_effect(attached, body_shapes(plan, deltas, rows), TouchWords(attached, deltas))
 
     def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
         """Nothing: each touch speaks for itself."""

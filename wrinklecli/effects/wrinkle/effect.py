@@ -52,13 +52,10 @@ def wrinkle_effect(
         return _projected(plan, carried, region, clips, how)
     shapes = shapes_of(carried, plan.fine, rising(carried.patch, plan.rig, plan.rest) if plan.has_normals else [])
     columns = np.array([number for number, shape in enumerate(shapes) if shape is not None], np.intp)
-    remixes = _Remixes(carried, CurveResponse(carried.patch.curve, columns), _table_error(plan))
+    # The greatest error of a weight that is looked up, as a ratio of the greatest weight.
+    error = min(TABLE_ERROR, _TABLE_SHARE * plan.max_error / plan.tallest)
+    remixes = _Remixes(carried, CurveResponse(carried.patch.curve, columns), error)
     return remixes.effect(named_targets(carried.patch.tool.identifier, shapes), WrinkleWords(carried, region, plan.rig))
-
-
-def _table_error(plan: MeshPlan) -> float:
-    """Greatest error of a weight that is looked up, as a ratio of the greatest weight."""
-    return min(TABLE_ERROR, _TABLE_SHARE * plan.max_error / plan.tallest)
 
 
 def _projected(

@@ -129,7 +129,8 @@ def review(
     sections = [*(each.section for each in shown), *(TOOLS for _ in misfits)]
     fields = sum(peak.section == FIELDS for peak in shown)
     count = (len(shown) + fields) * max(len(options.views), 1) + len(misfits)
-    columns, size = _layout(count, options)
+    usual, size = next((row[1:] for row in _LAYOUTS if count <= row[0]), _LAYOUTS[-1][1:])
+    columns, size = min(options.columns or usual, count), options.size or size
     rows = max(len(facts) for facts in (*map(card_facts, shown), *map(_refusal, misfits)))
     cells = columns, -(-count // columns)
     refuse_large(cards_size(*cells, size, rows), 1, path)
@@ -234,12 +235,6 @@ def _cards(
                 plain, slid = (take_snapshot(each, moment, heat=False) for each in (alone.without_wrinkles(), alone))
                 pair = checked(plain, slid, axes)
             yield shot.number, _card(shot, pair, key, options)
-
-
-def _layout(count: int, options: PreviewOptions) -> tuple[int, tuple[int, int]]:
-    """The number of columns for so many cards, and the size of their pictures."""
-    columns, size = next((row[1:] for row in _LAYOUTS if count <= row[0]), _LAYOUTS[-1][1:])
-    return min(options.columns or columns, count), options.size or size
 
 
 def _alone(after: ShownAsset, peak: Peak) -> ShownAsset:
