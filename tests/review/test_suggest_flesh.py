@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -66,6 +67,18 @@ def test_clothes_over_a_region_are_named(tmp_path: Path, monkeypatch: pytest.Mon
     (cheek,) = (each.effect.at for each in found.guesses if each.effect.name == "cheek.L")
     assert cheek[0] > 0.04
     assert "meshes: [mesh_1, mesh_2]" in found.text
+
+
+@pytest.mark.slow
+def test_flesh_of_a_thigh_lies_over_its_own_bone(tmp_path: Path) -> None:
+    """A body that is stored with one leg ahead and one behind: between both knees there is no bone."""
+    asset, half = dressed(), np.radians(35.0) / 2.0
+    nodes = {each["name"]: each for each in asset.gltf["nodes"]}
+    for side, sign in (("L", -1.0), ("R", 1.0)):
+        nodes[f"thigh.{side}"]["rotation"] = [float(sign * np.sin(half)), 0.0, 0.0, float(np.cos(half))]
+    found = wrinklecli.suggest(asset.write(tmp_path / "runs.glb"), flesh=True)
+    depths = {each.effect.name: each.facts["depth"] for each in found.guesses if each.effect.name.startswith("thigh")}
+    assert depths["thigh.L"] == pytest.approx(depths["thigh.R"], rel=0.35)
 
 
 @pytest.mark.slow

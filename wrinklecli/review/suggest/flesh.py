@@ -127,14 +127,12 @@ class _Frame:
     """The frame of a body.
 
     Attributes:
-        landmarks: By name, (3,) places in the middle of the body.
-        hips: (2, 3) from the middle of the hips to the joint of the left leg and to that of the right one.
+        landmarks: By name, (2, 3) places of the left leg and of the right one, or as far to the side as these.
         forwards: (3,) unit, where the body looks.
         left: (3,) unit, to its left.
     """
 
     landmarks: Mapping[str, Floats]
-    hips: Floats
     forwards: Floats
     left: Floats
 
@@ -154,23 +152,26 @@ class _Frame:
             return None
         forwards = forwards_of(hierarchy, bones)
         left = np.cross([0.0, 1.0, 0.0], forwards)
-        legs = legs[np.argsort(-legs @ left)]
-        hips, top = legs.mean(axis=0), (heads if len(heads) else necks)[0]
-        crown = max(float(each.rest.positions[:, 1].max()) for each in grounds)
-        middles = {"hips": hips, "knees": knees.mean(axis=0), "neck": necks[0]}
-        return cls({**middles, "crown": np.array([top[0], crown, top[2]])}, legs - hips, forwards, left)
+        legs, knees = (each[np.argsort(-each @ left)] for each in (legs, knees))
+        beside = ((legs - legs.mean(axis=0)) @ left)[:, None] * left
+        top = (heads if len(heads) else necks)[0]
+        crown = np.array([top[0], max(float(each.rest.positions[:, 1].max()) for each in grounds), top[2]])
+        places = {"hips": legs, "knees": knees, "neck": necks[0] + beside, "crown": crown + beside}
+        return cls(places, forwards, left)
 
     def sides(self, spot: _Spot) -> dict[str, tuple[Floats, Floats]]:
         """The start and the direction of a spot's ray by the letter of its side; an empty one in the middle."""
-        start, end = (self.landmarks[name] for name in spot.between)
+        places = np.stack([self.landmarks[name] for name in spot.between])
+        starts = places[0] + spot.along * (places[1] - places[0])
+        if not spot.over_legs:
+            starts[:] = starts.mean(axis=0)
         ahead, outwards = np.cos(np.radians(spot.turn)), np.sin(np.radians(spot.turn))
         found = {}
-        for letter, sign, leg in (
-            zip("LR", (1.0, -1.0), self.hips, strict=True) if spot.over_legs or spot.turn else [("", 0.0, None)]
+        for letter, sign, start in (
+            zip("LR", (1.0, -1.0), starts, strict=True) if spot.over_legs or spot.turn else [("", 0.0, starts[0])]
         ):
-            beside = 0.0 if leg is None or not spot.over_legs else (leg @ self.left) * self.left
             way = ahead * self.forwards + sign * outwards * self.left
-            found[letter] = start + spot.along * (end - start) + beside, unit(way)
+            found[letter] = start, unit(way)
         return found
 
 
