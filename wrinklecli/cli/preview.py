@@ -156,8 +156,8 @@ def preview(
 
     Two assets are shown side by side, at the same moments and from the same places. The camera looks at the wrinkles,
     if there are any. Tools are drawn as their patch, the crests of their wrinkles, and their segment, from a dot at
-    the origin to a ring at the target. The command needs no display, but Pillow and embreex: pip install
-    'wrinklecli[preview]'.
+    the origin to a ring at the target; muscles, flesh and touches as a line round the skin that they move. The command
+    needs no display, but Pillow and embreex: pip install 'wrinklecli[preview]'.
 
     Exit codes: 0 done; 1 the input is at fault, nothing written; 2 wrong usage; 70 a bug.
     """

@@ -15,7 +15,7 @@ from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.body import largest_moves, moves_at_rest
+from wrinklecli.effects.body import OUTLINED, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen
 from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips, play_below_skin
@@ -28,8 +28,6 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import ToolsFile
-
-_OUTLINED = 0.3  # part of the largest move of a muscle, flesh or a field that skin inside its outline moves by
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +232,7 @@ class AttachedTool:
     def excess(self) -> Floats:
         """(vertices,) of the coarse mesh, as that of `AttachedBelow`, for a field: it has no patch to outline."""
         places = self.ground.rest.positions
-        return self.region.share(*self.region.coordinates(places), np.ones(len(places))) - _OUTLINED
+        return self.region.share(*self.region.coordinates(places), np.ones(len(places))) - OUTLINED
 
     def holds(self, place: Floats, _triangle: int = 0) -> bool:
         """True if a (3,) place at rest, on a triangle of the coarse mesh, is on the tool."""
@@ -286,7 +284,7 @@ class AttachedBelow:
     def excess(self) -> Floats:
         """(vertices,) of the coarse mesh, how far they move over what the outline does, over the largest move."""
         moved = np.sqrt((self.deltas**2).sum(axis=2)).max(axis=0)
-        return np.asarray(moved / max(float(moved.max(initial=0.0)), TINY) - _OUTLINED)
+        return np.asarray(moved / max(float(moved.max(initial=0.0)), TINY) - OUTLINED)
 
     def holds(self, _place: Floats, triangle: int) -> bool:
         """True if a (3,) place at rest, on a triangle of the coarse mesh, is inside the outline."""

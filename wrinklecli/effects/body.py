@@ -24,6 +24,9 @@ from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.records import EffectTool
 
+OUTLINED = 0.3
+"""Part of the largest move by which skin on the outline of a muscle, flesh, a touch or a field moves."""
+
 # Vertices of each target by whose moves the largest move in a frame is found.
 _LARGEST = 8
 

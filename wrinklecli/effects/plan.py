@@ -153,6 +153,11 @@ def patch_parts(plan: MeshPlan) -> list[Part]:
     return [part for part in skin_parts(plan) if part.attached.segment is not None]
 
 
+def outlined_parts(plan: MeshPlan) -> list[Part]:
+    """Those that move the body below the skin: muscles, flesh and touches."""
+    return [part for part in plan.parts if part.attached.moves is not None]
+
+
 def plan_on(
     ground: Ground,
     attached: Sequence[AnyAttached],

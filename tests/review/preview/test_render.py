@@ -13,7 +13,7 @@ from kit.pictures import SIZE, covered, draw, limb, picture, reds
 from wrinklecli.character.paints import Texture
 from wrinklecli.review.preview import render
 from wrinklecli.review.preview.camera import Camera, camera_axes
-from wrinklecli.review.preview.draw import Mark
+from wrinklecli.review.preview.draw import Mark, Outline
 from wrinklecli.review.preview.preview_options import Style
 from wrinklecli.review.preview.render import Opacities, Snapshot
 
@@ -156,6 +156,25 @@ def test_a_mark_has_an_outline_a_segment_and_ends_of_even_width_on_any_slope(tur
         assert drawn[row - 1, column - 1] == filled, "a dot at the origin, a ring at the target"
         rows = slice(row + outside.start, row + outside.stop)
         assert drawn[rows, column - 1 : column + 1].any(), "round, beyond the outline too"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [0.0, 60.0])
+def test_an_outline_has_an_even_width_on_any_slope(turn: float) -> None:
+    """Skin inside it is tinted."""
+    frame = square(half=0.9)
+    mark = Outline("", np.array([0, 1]), 0.4 - frame.corners[..., 0], (0.9, 0.0, 0.0))
+    camera = Camera(np.zeros(3), camera_axes(turn, 0.0), 1.0)
+    size = (400, 300)
+    fall = render.render(frame, camera, size=size).astype(int) - render.render(
+        replace(frame, marks=(mark,)), camera, size=size
+    ).astype(int)
+    line = np.flatnonzero(fall[150, :, 1] > 60)
+    at, inside, outside = camera.project(np.array([(0.4, 0, 0), (0.2, 0, 0), (0.6, 0, 0)]), size)[:, 0]
+    assert round(float(line.mean()) + 0.5) == pytest.approx(at, abs=1.5)
+    assert len(line) in (2, 3)
+    assert 3 < fall[150, round(inside), 1] < 40
+    assert not fall[150, round(outside)].any()
 
 
 @pytest.mark.slow

@@ -1,21 +1,40 @@
 """What of an asset is shown: its tools in their place, its sides and its shading."""
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from kit.bakes import place
+from kit.flesh import body, region
 from kit.forehead import BROWS, forehead
-from kit.limb import tool, write_tools
+from kit.limb import limb_asset, tool, write_tools
+from kit.muscles import ANGLE, muscle
 from kit.pictures import BUMPY, SIZE, covered, draw, limb, picture, reds
+from kit.touch import plate, touch
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.review.preview.apply import apply_tools, plan_tools
+from wrinklecli.review.preview.draw import Outline
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.preview_options import Style
-from wrinklecli.review.preview.shown import read_shown
+from wrinklecli.review.preview.shown import read_shown, tool_names
 
 Json = dict[str, Any]
+
+
+def arm() -> Path:
+    return place(limb_asset(rings=21, sides=16, angle=ANGLE))
+
+
+def jumping() -> Path:
+    return place(body())
+
+
+def skin() -> Path:
+    return place(plate(size=0.36, cells=36))
 
 
 @pytest.mark.quick(1)
@@ -60,6 +79,37 @@ def test_marks_are_laid_where_the_tool_is(tmp_path: Path) -> None:
         line = np.polyfit(u[middle], up[middle], 1)
         bends.append(np.abs(np.polyval(line, u[middle]) - up[middle]).max())
     assert bends[1] < 0.25 * bends[0]
+
+
+@pytest.mark.quick(0)
+@pytest.mark.parametrize(
+    ("asset", "section", "entry"),
+    [(arm, "muscles", muscle()), (jumping, "flesh", region()), (skin, "touches", touch())],
+    ids=["muscle", "flesh", "touch"],
+)
+@pytest.mark.parametrize("refined", [True, False])
+def test_what_moves_below_the_skin_is_outlined_where_it_moves_the_skin(
+    tmp_path: Path, asset: Callable[[], Path], section: str, entry: Json, refined: bool
+) -> None:
+    """Inside the line, skin moves by three tenths of its largest move and more."""
+    tools = tmp_path / "tools.yaml"
+    tools.write_text(json.dumps({"version": 1, section: [entry]}))
+    planned = plan_tools(asset(), tools, BakeOptions(max_levels=1))
+    assert planned.job is not None
+    document = apply_tools(planned, [])[0] if refined else planned.job.document
+    assert tool_names(planned.plans) == [entry["name"]]
+    shown, _ = read_shown(document, "", planned.plans, refined=refined)
+    applied, _ = read_shown(apply_tools(planned, [])[0], "", ())
+    ((one, posed),), ((other, _),) = shown.posed(Moment(None, 0.0)), applied.posed(Moment(None, 0.0))
+    (mark,) = one.marks
+    assert isinstance(mark, Outline)
+    corners = posed.triangles[mark.triangles]
+    assert 0.05 < (mark.depths > 0).mean() < 0.95
+    moved = np.sqrt((other.shapes**2).sum(axis=2)).max(axis=0)
+    assert mark.depths == pytest.approx(moved[corners] / moved.max() - 0.3, abs=1e-5)
+    beside = np.setdiff1d(posed.triangles, corners)
+    assert not moved[beside].any()
+    assert np.array_equal(mark.rewound().depths, mark.depths[:, ::-1])
 
 
 @pytest.mark.parametrize("mirrored", [False, True])

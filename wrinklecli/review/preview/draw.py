@@ -1,4 +1,7 @@
-"""Draw tools (patches, crests, segments and their ends) and the triangles' edges on a surface in a picture."""
+"""Draw tools (patches, crests, segments, outlines) and the triangles' edges on a surface in a picture."""
+
+from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,11 +15,11 @@ from wrinklecli.review.preview.rays import unit_rows
 _CREST = 1.2
 # Opacity of a crest's line.
 _CREST_OPACITY = 0.6
-# Half the width of a patch's outline, pixels.
+# Half the width of an outline, pixels.
 _OUTLINE = 1.2
-# Half the width of its segment, pixels.
+# Half the width of a segment, pixels.
 _SEGMENT = 1.7
-# Opacity of a patch's outline.
+# Opacity of an outline.
 _OUTLINE_OPACITY = 0.8
 # Radius of the dot at the origin, pixels.
 _DOT = 5.0
@@ -57,6 +60,33 @@ class Mark:
     tint: float = 0.1
     phases: Floats | None = None
 
+    def rewound(self) -> "Mark":
+        """The same for triangles whose corners are the other way round."""
+        phases = None if self.phases is None else self.phases[:, ::-1]
+        return replace(self, places=self.places[:, ::-1], phases=phases)
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A line round the skin that a muscle, a region of flesh or a touch moves; what is not said is as in `Mark`.
+
+    Attributes:
+        depths: (triangles, 3) how far inside it their corners are, in any unit; 0 on it.
+    """
+
+    name: str
+    triangles: Ints
+    depths: Floats
+    colour: tuple[float, float, float]
+    tint: float = 0.1
+
+    def rewound(self) -> "Outline":
+        """The same for triangles whose corners are the other way round."""
+        return replace(self, depths=self.depths[:, ::-1])
+
+
+AnyMark: TypeAlias = Mark | Outline
+
 
 @dataclass(frozen=True, slots=True)
 class ProjectedMark:
@@ -75,21 +105,74 @@ class ProjectedMark:
     pixels: Array
     phase_rates: Array
 
+    def covered(self, rows: Ints, weights: Array) -> Array:
+        """(hits,) opacities of a tint, an outline, crests, and a segment from a dot to a ring."""
+        mark = self.mark
+        places = np.einsum("pi,pia->pa", weights, mark.places[rows])
+        # Distances are pixels, so that lines on a slope are not narrower.
+        along, across = places[:, 0], np.abs(places[:, 1])
+        by_along, by_across = self.rates[rows].T
+        depth = np.minimum(np.minimum(along, mark.span - along) / by_along, (mark.half_width - across) / by_across)
+        beside = np.maximum(across / by_across, np.maximum(-along, along - mark.span) / by_along)
+        start, end = (
+            np.sqrt(np.sum(np.einsum("pab,pb->pa", self.pixels[rows], places - (x, 0.0)) ** 2, axis=1))
+            for x in (0.0, mark.span)
+        )
+        tint = np.where(depth > 0, mark.tint, 0.0)
+        lines = np.maximum(_outline(depth), np.clip(_SEGMENT - beside, 0, 1))
+        if mark.phases is not None:
+            phases = np.einsum("pi,pi->p", weights, mark.phases[rows])
+            off = np.abs(phases - np.floor(phases) - 0.5) / self.phase_rates[rows]
+            crests = np.where((depth > 0) & (off < _CREST), _CREST_OPACITY * np.minimum(_CREST - off, 1.0), 0.0)
+            lines = np.maximum(lines, crests)
+        # Inside the ring only the surface shows.
+        covered = np.where(mark.inside[rows], np.where(end < _RING_INSIDE, tint, np.maximum(tint, lines)), 0.0)
+        ends = np.maximum(np.clip(_DOT - start, 0, 1), np.clip(_RING_LINE - np.abs(end - _RING), 0, 1))
+        return np.asarray(np.maximum(covered, ends))
 
-def project_mark(mark: Mark, local: Floats, size: tuple[int, int], tangent: float) -> ProjectedMark:
+
+@dataclass(frozen=True, slots=True)
+class ProjectedOutline:
+    """An outline as a camera sees it.
+
+    Attributes:
+        rows: (all triangles,) rows of the outline's triangles; -1 for others.
+        rates: (triangles,) change of its depths over a pixel.
+    """
+
+    mark: Outline
+    rows: Ints
+    rates: Array
+
+    def covered(self, rows: Ints, weights: Array) -> Array:
+        """(hits,) opacities of a tint and an outline."""
+        depth = np.einsum("pi,pi->p", weights, self.mark.depths[rows]) / self.rates[rows]
+        return np.asarray(np.maximum(np.where(depth > 0, self.mark.tint, 0.0), _outline(depth)))
+
+
+def project_mark(
+    mark: AnyMark, local: Floats, size: tuple[int, int], tangent: float
+) -> ProjectedMark | ProjectedOutline:
     """Project a mark on (triangles, 3, 3) corners in camera space."""
     rows = np.full(len(local), -1, np.intp)
     rows[mark.triangles] = np.arange(len(mark.triangles))
-    shown, placed = (
-        np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        for corners in (project(local[mark.triangles], size, tangent), mark.places)
-    )
-    rates = np.sqrt(np.sum((placed @ _inverses(shown)) ** 2, axis=2))
-    phase_rates = np.full(len(rates), np.nan)
-    if mark.phases is not None:
-        steps = mark.phases[:, 1:] - mark.phases[:, :1]
-        phase_rates = np.sqrt(np.sum((steps[:, None] @ _inverses(shown))[:, 0] ** 2, axis=1))
-    return ProjectedMark(mark, rows, np.maximum(rates, _TINY), shown @ _inverses(placed), phase_rates)
+    shown = _edges(project(local[mark.triangles], size, tangent))
+    if isinstance(mark, Outline):
+        return ProjectedOutline(mark, rows, _rates(mark.depths, shown))
+    rates = np.stack([_rates(mark.places[:, :, axis], shown) for axis in (0, 1)], axis=1)
+    phase_rates = np.full(len(rates), np.nan) if mark.phases is None else _rates(mark.phases, shown)
+    return ProjectedMark(mark, rows, rates, shown @ _inverses(_edges(mark.places)), phase_rates)
+
+
+def _edges(corners: Floats) -> Array:
+    """(triangles, 2, 2) two edges of triangles as columns, from (triangles, 3, 2) corners."""
+    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+
+
+def _rates(values: Floats, shown: Array) -> Array:
+    """(triangles,) change over a pixel of (triangles, 3) values at corners, by (triangles, 2, 2) edges in pixels."""
+    steps = values[:, 1:] - values[:, :1]
+    return np.asarray(np.maximum(np.sqrt(np.sum((steps[:, None] @ _inverses(shown))[:, 0] ** 2, axis=1)), _TINY))
 
 
 def _inverses(matrices: Array) -> Array:
@@ -119,34 +202,17 @@ def edge_cover(projected: Array, places: Array, triangles: Ints) -> Array:
     return np.asarray(np.clip(np.float32(1.4) - nearest, 0, 1))
 
 
-def draw_mark(colours: Array, drawn: ProjectedMark, triangles: Ints, weights: Array) -> None:
-    """Draw a mark on (hits, 3) sRGB colours, in place: a tint, an outline, crests, and a segment from a dot to a ring.
+def draw_mark(colours: Array, drawn: ProjectedMark | ProjectedOutline, triangles: Ints, weights: Array) -> None:
+    """Draw a mark on (hits, 3) sRGB colours, in place.
 
     `triangles` and `weights` are the triangles and barycentric coordinates of the hits.
     """
-    mark = drawn.mark
     rows = drawn.rows[triangles]
     here = np.flatnonzero(rows >= 0)
-    rows = rows[here]
-    places = np.einsum("pi,pia->pa", weights[here], mark.places[rows])
-    # Distances are pixels, so that lines on a slope are not narrower.
-    along, across = places[:, 0], np.abs(places[:, 1])
-    by_along, by_across = drawn.rates[rows].T
-    depth = np.minimum(np.minimum(along, mark.span - along) / by_along, (mark.half_width - across) / by_across)
-    beside = np.maximum(across / by_across, np.maximum(-along, along - mark.span) / by_along)
-    start, end = (
-        np.sqrt(np.sum(np.einsum("pab,pb->pa", drawn.pixels[rows], places - (x, 0.0)) ** 2, axis=1))
-        for x in (0.0, mark.span)
-    )
-    tint = np.where(depth > 0, mark.tint, 0.0)
-    lines = np.maximum(_OUTLINE_OPACITY * np.clip(_OUTLINE - np.abs(depth), 0, 1), np.clip(_SEGMENT - beside, 0, 1))
-    if mark.phases is not None:
-        phases = np.einsum("pi,pi->p", weights[here], mark.phases[rows])
-        off = np.abs(phases - np.floor(phases) - 0.5) / np.maximum(drawn.phase_rates[rows], _TINY)
-        crests = np.where((depth > 0) & (off < _CREST), _CREST_OPACITY * np.minimum(_CREST - off, 1.0), 0.0)
-        lines = np.maximum(lines, crests)
-    # Inside the ring only the surface shows.
-    covered = np.where(mark.inside[rows], np.where(end < _RING_INSIDE, tint, np.maximum(tint, lines)), 0.0)
-    ends = np.maximum(np.clip(_DOT - start, 0, 1), np.clip(_RING_LINE - np.abs(end - _RING), 0, 1))
-    covered = np.maximum(covered, ends).astype(np.float32)
-    blend(colours, covered, mark.colour, here)
+    covered = drawn.covered(rows[here], weights[here]).astype(np.float32)
+    blend(colours, covered, drawn.mark.colour, here)
+
+
+def _outline(depth: Array) -> Array:
+    """(hits,) opacities of a line where a depth in pixels is 0."""
+    return np.asarray(_OUTLINE_OPACITY * np.clip(_OUTLINE - np.abs(depth), 0, 1))

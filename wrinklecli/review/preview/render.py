@@ -10,7 +10,15 @@ from wrinklecli.gltf.pixels import Bytes, linear_rgb, srgb
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
 from wrinklecli.numeric.portions import portions
 from wrinklecli.review.preview.camera import Camera, project
-from wrinklecli.review.preview.draw import Mark, ProjectedMark, blend, draw_mark, edge_cover, project_mark
+from wrinklecli.review.preview.draw import (
+    AnyMark,
+    ProjectedMark,
+    ProjectedOutline,
+    blend,
+    draw_mark,
+    edge_cover,
+    project_mark,
+)
 from wrinklecli.review.preview.light import REACH, light_up
 from wrinklecli.review.preview.overlay import INK, NOTHING, PAPER, RED, Overlay, draw_overlay
 from wrinklecli.review.preview.preview_options import PLAIN, Style
@@ -117,11 +125,11 @@ class Snapshot:
     coordinates: Floats
     texture_numbers: Ints
     textures: tuple[Texture, ...] = ()
-    marks: tuple[Mark, ...] = ()
+    marks: tuple[AnyMark, ...] = ()
     opacities: Opacities | None = None
 
     @classmethod
-    def of(cls, parts: Iterable[tuple[Floats, Floats, Ints, Paint]], marks: Sequence[Mark] = ()) -> "Snapshot":
+    def of(cls, parts: Iterable[tuple[Floats, Floats, Ints, Paint]], marks: Sequence[AnyMark] = ()) -> "Snapshot":
         """Join parts, which may be none.
 
         Each has (triangles, 3, 3) corners and their normals, and the (triangles, 3) vertices of its paint there.
@@ -151,7 +159,7 @@ class _Scene:
     snapshot: Snapshot
     colours: Array
     projected: Array | None
-    marks: tuple[ProjectedMark, ...]
+    marks: tuple[ProjectedMark | ProjectedOutline, ...]
 
 
 def render(

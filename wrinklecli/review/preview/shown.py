@@ -7,6 +7,7 @@ flat.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from wrinklecli.character.paints import Colour, Paint, read_paints
 from wrinklecli.character.pose import morph_weights
 from wrinklecli.character.scene import ScenePrimitive, read_scene
 from wrinklecli.character.skin import PosedMesh
+from wrinklecli.effects.body import OUTLINED
 from wrinklecli.effects.effect import MeshPlan
-from wrinklecli.effects.plan import patch_parts
+from wrinklecli.effects.plan import outlined_parts, patch_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_values, face_normals, unit
-from wrinklecli.review.preview.draw import Mark
+from wrinklecli.review.preview.draw import AnyMark, Mark, Outline
 from wrinklecli.review.preview.heat import compressions, crest_colours, heat_colours
 from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.render import Snapshot
@@ -63,7 +65,7 @@ class ShownPrimitive:
     paint: Paint
     shapes: Floats
     shape_numbers: Ints
-    marks: tuple[Mark, ...]
+    marks: tuple[AnyMark, ...]
 
     def displacements(self, clip: Clip | None, time: float) -> Floats:
         """(vertices,) distance by which the wrinkles move each vertex, bind units."""
@@ -145,7 +147,9 @@ class ShownAsset:
 
 def tool_names(plans: Sequence[MeshPlan]) -> list[str]:
     """The names of the tools that are drawn, in the order of their colours."""
-    return [part.attached.tool.name for plan in plans for part in patch_parts(plan)]
+    parts = (part for plan in plans for part in (*patch_parts(plan), *outlined_parts(plan)))
+    # A shirt over flesh swings by a part of the same name.
+    return list(dict.fromkeys(part.attached.tool.name for part in parts))
 
 
 def read_shown(
@@ -179,9 +183,9 @@ def _refuse_many(document: Document, count: int) -> None:
     document.memory.check(_TRIANGLE_BYTES * count, f"{count:,} triangles to draw", where=document.path)
 
 
-def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> Iterator[Mark]:
+def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> Iterator[AnyMark]:
     """The tools on a primitive, which may have been refined for them."""
-    names = tool_names(plans)
+    inks = dict(zip(tool_names(plans), cycle(INKS), strict=False))
     for plan in plans:
         if plan.rig.node != source.rig.node:
             continue
@@ -212,9 +216,15 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
                 places=np.stack([u * region.span, v * region.half_width], axis=2),
                 span=region.span,
                 half_width=region.half_width,
-                colour=INKS[names.index(tool.name) % len(INKS)],
+                colour=inks[tool.name],
                 phases=region.crests(u, v),
             )
+        for part in outlined_parts(plan):
+            name = part.attached.tool.name
+            depths = np.full(len(fine.positions), -OUTLINED)
+            depths[part.vertices] += part.shares
+            near = np.flatnonzero((depths[welded] > -OUTLINED).any(axis=1))
+            yield Outline(name, near, depths[welded[near]], inks[name])
 
 
 def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool, crests: bool = False) -> Snapshot:
@@ -227,7 +237,7 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool, crests: bool
     """
     visible = asset.posed(moment)
     _refuse_many(asset.document, sum(len(posed.triangles) for _, posed in visible))
-    parts, marks = [], list[Mark]()
+    parts, marks = [], list[AnyMark]()
     start = 0
     for shown, posed in visible:
         positions, triangles, paint = posed.positions[0], posed.wound(), shown.paint
@@ -248,8 +258,8 @@ def take_snapshot(asset: ShownAsset, moment: Moment, *, heat: bool, crests: bool
             paint = replace(paint, colours=dimmed)
         parts.append((positions[triangles], normals, triangles, paint))
         for mark in shown.marks:
-            places = mark.places[:, ::-1] if posed.mirrored[0] else mark.places
+            wound = mark.rewound() if posed.mirrored[0] else mark
             tint = 0.0 if heat else mark.tint  # a tint would falsify the colours of compression
-            marks.append(replace(mark, triangles=mark.triangles + start, places=places, tint=tint))
+            marks.append(replace(wound, triangles=mark.triangles + start, tint=tint))
         start += len(triangles)
     return Snapshot.of(parts, marks)
