@@ -172,6 +172,26 @@ def test_guessed_muscles_are_no_lumps(tmp_path: Path) -> None:
             assert clip["bulge"][1] < 0.33 * muscle["depth"]
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_skeletons_of_the_same_names_give_one_line_for_each_muscle(count: int, tmp_path: Path) -> None:
+    """Copies of a body's skeleton beside it, which no mesh follows."""
+    asset = tubes()
+    nodes, skin = asset.gltf["nodes"], asset.gltf["skins"][0]
+    for _ in range(count):
+        copies = {number: len(nodes) + place for place, number in enumerate(skin["joints"])}
+        for number in skin["joints"]:
+            children = [copies[each] for each in nodes[number].get("children", ()) if each in copies]
+            copy = {key: value for key, value in nodes[number].items() if key != "children"}
+            asset.append("nodes", copy | ({"children": children} if children else {}))
+        held = {each for number in copies.values() for each in nodes[number].get("children", ())}
+        asset.gltf["scenes"][0]["nodes"] += [number for number in copies.values() if number not in held]
+        asset.append("skins", {**skin, "joints": list(copies.values())})
+    found = wrinklecli.suggest(asset.write(tmp_path / "tubes.glb"), muscles=True)
+    muscles = [line.partition(":")[0] for line in found.notes if "left out" in line]
+    assert muscles.count("biceps.L") == muscles.count("calf.R") == 1
+    assert len(muscles) == len(set(muscles))
+
+
 def test_a_limb_without_names_gets_none(wrinkle: Wrinkle, tmp_path: Path) -> None:
     asset = limb(tmp_path / "limb.gltf", rings=9, sides=8)
     ran = wrinkle("suggest", asset, "--muscles", "-o", tmp_path / "muscles.yaml")

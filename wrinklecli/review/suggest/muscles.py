@@ -117,15 +117,21 @@ def suggest_muscles(
     if not limbs:
         wanted = "upper arm and lower arm, or upper leg and lower leg, with a hand or a foot below"
         return [], [], f"no joints are named as {wanted}"
-    made = [
-        _fitted(f"{name}.{limb.letter}", place, limb, grounds, nodes, hierarchy.names)
-        for name, place in _MUSCLES.items()
-        for limb in limbs
-        if place.bone in limb.parts
-    ]
-    entries = entries_of([each for each in made if isinstance(each, Guess)], clips, fps=fps)
+    guesses: list[Guess] = []
+    problems: dict[str, str] = {}
+    for name, place in _MUSCLES.items():
+        for limb in limbs:
+            if place.bone in limb.parts:
+                muscle = f"{name}.{limb.letter}"
+                made = _fitted(muscle, place, limb, grounds, nodes, hierarchy.names)
+                if isinstance(made, Guess):
+                    guesses.append(made)
+                else:  # of several skeletons the first says it
+                    problems.setdefault(muscle, made)
+    entries = entries_of(guesses, clips, fps=fps)
     found = [each for each in entries if not clips or "clip" in each.facts]
-    notes = [each for each in made if isinstance(each, str)]
+    fitted = {each.effect.name for each in guesses}
+    notes = [line for muscle, line in problems.items() if muscle not in fitted]
     notes += [f"{each.effect.name}: left out, as no clip changes its length" for each in entries if each not in found]
     reason = "no mesh has skin around the bones of arms and legs, or no clip bends these"
     return found, notes, "" if found else reason
