@@ -52,15 +52,15 @@ MIXAMO = {
 
 
 def png(pixels: Array) -> bytes:
-    """Encode (height, width, 3) colours from 0 to 1, sRGB, as a PNG."""
+    """Encode (height, width, 3) colours from 0 to 1, sRGB, or 4 with alpha, as a PNG."""
     rows = np.round(np.clip(pixels, 0.0, 1.0) * 255.0).astype(np.uint8)
-    height, width = rows.shape[:2]
+    height, width, channels = rows.shape
     data = b"".join(b"\0" + row.tobytes() for row in rows)
 
     def chunk(kind: bytes, body: bytes) -> bytes:
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
-    head = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
+    head = struct.pack(">2I5B", width, height, 8, 6 if channels == 4 else 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
 
 

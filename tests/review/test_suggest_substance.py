@@ -131,6 +131,21 @@ def test_a_place_on_a_border_is_not_of_one_substance(tmp_path: Path) -> None:
     assert places_on(tmp_path, asset)[0].uniform == pytest.approx(1.0)
 
 
+def test_what_alpha_cuts_away_is_of_no_substance(tmp_path: Path) -> None:
+    lace = np.ones((64, 64, 4))
+    lace[:, 32:, 3] = 0.25
+    asset = painted(lace)
+    assert places_on(tmp_path, asset)[0].uniform == pytest.approx(1.0)
+    material = asset.gltf["materials"][0]
+    material["alphaMode"] = "MASK"
+    cut = places_on(tmp_path, asset)[0].uniform
+    assert cut < 0.9
+    material["alphaCutoff"] = 0.2
+    assert places_on(tmp_path, asset)[0].uniform == pytest.approx(1.0)
+    material["alphaMode"] = "BLEND"
+    assert cut < places_on(tmp_path, asset)[0].uniform < 1.0
+
+
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("x", "kind"), [(0.05, "skin"), (0.55, "cloth"), (-0.45, "cloth"), (1.05, "skin")])
 def test_texture_transforms_and_wraps_are_followed(tmp_path: Path, x: float, kind: str) -> None:

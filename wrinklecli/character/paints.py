@@ -83,10 +83,7 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
                     textures[key] = read_texture(document, info)
                 texture = textures[key]
                 if cutoff > 0 and key not in masks:
-                    # Read the alpha of a texture, if it has any, as `read_texture` does.
-                    data, wraps = _image(document, info)
-                    alpha = read_alpha(data)
-                    masks[key] = None if alpha is None else Texture(alpha, wraps)
+                    masks[key] = _mask(document, info)
                 mask = masks.get(key)
         except (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # Without a texture a picture still shows the wrinkles.
@@ -94,6 +91,20 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
         opacity = Opacity(_alphas(document, primitive, count), cutoff, mask) if cutoff > 0 else None
         paints.append(Paint(source.colour * vertex_colours(document, primitive, count), coordinates, texture, opacity))
     return paints, warnings
+
+
+def read_opacity(document: Document, primitive: Json, count: int) -> Opacity | None:
+    """What shows of a primitive of so many vertices, None for all; errors as of `read_texture`."""
+    cutoff, info = _cutoff(material_of(document, primitive)), texture_info(document, primitive)
+    mask = _mask(document, info) if info and cutoff > 0 else None
+    return Opacity(_alphas(document, primitive, count), cutoff, mask) if cutoff > 0 else None
+
+
+def _mask(document: Document, info: Json) -> Texture | None:
+    """Read the alpha of a texture, if it has any, as `read_texture` does."""
+    data, wraps = _image(document, info)
+    alpha = read_alpha(data)
+    return None if alpha is None else Texture(alpha, wraps)
 
 
 def texture_info(document: Document, primitive: Json, key: str = "baseColorTexture") -> Json:

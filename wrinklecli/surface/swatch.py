@@ -7,14 +7,17 @@ Source: B. Ottosson, *A perceptual color space for image processing*, 2020 (Okla
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import field
 from functools import cache
 
 import numpy as np
 
 from wrinklecli.character.paints import (
+    Opacity,
     Texture,
     pixels_at,
+    read_opacity,
     read_texture,
     texture_coordinates,
     texture_info,
@@ -28,6 +31,8 @@ from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import PLASTIC, Bools, Floats, Ints, distinct_values
 from wrinklecli.numeric.memory import once
 
+# Errors of a texture or of colours that are malformed.
+_MALFORMED = (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 # Linear RGB of the 256 stored values of sRGB.
 _LINEAR = linear_rgb(np.arange(256) / 255.0)
 # Points on a place: a stuff that covers a twentieth of it gets about 25 of them, enough to be told from chance.
@@ -74,7 +79,7 @@ class Swatches:
 
 @dataclass(frozen=True, slots=True)
 class _Coat:
-    """The base colour and metal of a primitive; textures at (vertices, 2) coordinates."""
+    """The base colour, metal and opacity of a primitive; textures at (vertices, 2) coordinates."""
 
     factor: Floats
     vertex_colours: Floats
@@ -82,6 +87,15 @@ class _Coat:
     metal: tuple[Texture, Floats] | None
     metallic: float
     coloured: bool
+    opacity: Opacity | None
+
+    def shows(self, shares: Floats, corners: Ints) -> Floats:
+        """(points,) opacity at (points, 3) shares of (points, 3) corners."""
+        assert self.opacity is not None, "all of it shows otherwise"
+        alphas: Floats = np.einsum("pk,pk->p", shares, self.opacity.alphas[corners])
+        if self.opacity.texture is not None and self.base is not None:
+            alphas = alphas * _looked_up((self.opacity.texture, self.base[1]), shares, corners)[:, 0] / 255.0
+        return alphas if np.isinf(self.opacity.cutoff) else (alphas >= self.opacity.cutoff).astype(np.float64)
 
 
 @dataclass(slots=True)
@@ -124,6 +138,17 @@ class Pictures:
             total += self._sampled(mesh, primitives, corners, starts, every, np.tile(share, (len(corners), 1)))[0]
         return total / _POINTS_OF_TRIANGLE
 
+    def shown(self, mesh: int, primitives: Ints, corners: Ints, starts: Ints) -> Floats:
+        """(triangles,) the part of each triangle that alpha does not cut away; the parameters of `swatches`."""
+        found = np.ones(len(corners))
+        for primitive in distinct_values(primitives).tolist():
+            first, end = int(starts[primitive]), int(starts[primitive + 1])
+            coat, here = self._coat(mesh, primitive, end - first), np.flatnonzero(primitives == primitive)
+            if coat.opacity is not None:
+                at, shares = corners[here] - first, _evenly_spread(_POINTS_OF_TRIANGLE)
+                found[here] = np.mean([coat.shows(np.tile(share, (len(at), 1)), at) for share in shares], axis=0)
+        return found
+
     def _sampled(
         self, mesh: int, primitives: Ints, corners: Ints, starts: Ints, triangles: Ints, shares: Floats
     ) -> tuple[Floats, Bools, Bools, Floats]:
@@ -163,10 +188,10 @@ class Pictures:
         metal = self._texture(primitive, "metallicRoughnessTexture", count)
         # By default a material is metallic, which many files with neither key nor texture do not mean.
         metallic = looks.get("metallicFactor", 0.0 if metal is None else 1.0)
-        try:
+        of_vertices, opacity = np.ones((count, 3)), None
+        with suppress(ImportError, *_MALFORMED):
             of_vertices = vertex_colours(self.document, primitive, count)
-        except (AssetError, TooMuchError, ValueError, KeyError, TypeError, IndexError):
-            of_vertices = np.ones((count, 3))
+            opacity = read_opacity(self.document, primitive, count)
         return _Coat(
             np.clip(np.array([1.0] * 3 if factor is None else factor[:3], float), 0.0, 1.0),
             of_vertices,
@@ -174,6 +199,7 @@ class Pictures:
             metal,
             float(metallic) if _is_number(metallic) else 0.0,
             factor is not None or "COLOR_0" in primitive["attributes"],
+            opacity,
         )
 
     def _texture(self, primitive: Json, key: str, count: int) -> tuple[Texture, Floats] | None:
@@ -192,7 +218,7 @@ class Pictures:
             note = f"textures say nothing of what surfaces are made of without Pillow ({error})"
             self.notes = [f"{note}: pip install 'wrinklecli[preview]'"]
             return None
-        except (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        except _MALFORMED as error:
             self.notes.append(f"a texture says nothing of what the surface is made of, as it cannot be read: {error}")
             return None
 

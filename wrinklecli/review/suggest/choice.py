@@ -146,6 +146,11 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
     numbers = {name: number for number, name in reversed([*enumerate(body.hierarchy.names)])}
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
     makeups = {key: makeup_of(asset.ground(mesh.rig.node), mesh.gauge) for key, mesh in distinct.items()}
+    # What a texture's alpha cuts away, as at a ragged hem, is of no substance.
+    shown = {
+        key: each.pictures.shown(each.mesh, each.primitives, each.corners, each.vertex_starts)
+        for key, each in makeups.items()
+    }
     rims = cache(lambda surface: rims_of(distinct[surface]))
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
@@ -160,7 +165,8 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         weights = np.maximum(triangle_weights(mesh.sites, each.region), 0.0)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         # Lips and brows are painted on one skin.
-        of_kinds = [math.nan] if each.by_morph else np.bincount(asset.kinds(mesh.rig.node)[mesh.gauge.numbers], weights)
+        kinds, seen = asset.kinds(mesh.rig.node)[mesh.gauge.numbers], weights * shown[surface]
+        of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, seen)
         limb = each.by_morph or animal or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
