@@ -1,6 +1,7 @@
 """Garments get a field in place of tools: by their pictures or names, as far as they look like cloth."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,9 +16,9 @@ from kit.samples import sample
 from kit.suggested import in_assets, run, suggest_once
 from wrinklecli import bake
 from wrinklecli.review.check import check
-from wrinklecli.review.suggest.garments import SuggestedField, _name_of, suggest_fields
+from wrinklecli.review.suggest.garments import Garment, SuggestedField, _name_of, suggest_fields
 from wrinklecli.review.suggest.suggest import Suggestions, suggest
-from wrinklecli.review.suggest.worth import Dropped, Worthwhile
+from wrinklecli.review.suggest.worth import Dropped, Judge, Worthwhile
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.read import parse_tools
 from wrinklecli.tools.records import RefinementSettings
@@ -184,6 +185,33 @@ def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tm
 )
 def test_what_is_no_garment_gets_no_field(tmp_path: Path, asset: Asset, why: str) -> None:
     assert not suggest(asset.write(tmp_path / "limb.glb"), everything=True).fields, why
+
+
+@pytest.mark.parametrize(("part", "wanted"), [(4, ["trousers", "tie"]), (40, ["trousers"])])
+def test_what_is_a_tenth_of_the_largest_mesh_is_a_garment_and_less_is_trim(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int, wanted: list[str]
+) -> None:
+    """A second mesh has the middle triangles of the first."""
+    asset = dressed(limb_asset(**SIZE), name="Jeans")
+    gltf = asset.gltf
+    primitive = gltf["meshes"][0]["primitives"][0]
+    whole = gltf["accessors"][primitive["indices"]]
+    size, count = {5123: 2, 5125: 4}[whole["componentType"]], whole["count"] // 3 // part * 3
+    start = whole.get("byteOffset", 0) + size * ((whole["count"] - count) // 6 * 3)
+    indices = asset.append("accessors", {**whole, "byteOffset": start, "count": count})
+    mesh = asset.append("meshes", {"primitives": [{**primitive, "indices": indices}]})
+    next(node for node in gltf["nodes"] if "mesh" in node)["name"] = "Trousers"
+    gltf["scenes"][0]["nodes"].append(asset.append("nodes", {"name": "Tie", "mesh": mesh, "skin": 0}))
+    found: list[str] = []
+
+    def seen(_judge: Judge, garments: Sequence[Garment], _budget: float) -> None:
+        found.extend(each.suggestion.field.name for each in garments)
+        raise StopIteration
+
+    monkeypatch.setattr("wrinklecli.review.suggest.suggest.suggest_fields", seen)
+    with pytest.raises(StopIteration):
+        suggest(asset.write(tmp_path / "limb.glb"))
+    assert found == wanted
 
 
 @pytest.mark.slow

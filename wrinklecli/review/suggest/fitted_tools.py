@@ -321,8 +321,7 @@ def _near_joint(candidate: Candidate) -> Candidate | None:
 
     The candidate itself if there is nothing to shorten; None if no shorter one fits.
     """
-    bare = candidate.part in _BARE_LIMBS and candidate.material == "skin"
-    radius = _limb_radius(candidate) if bare else None
+    radius = _limb_radius(candidate) if candidate.part in _BARE_LIMBS and candidate.material == "skin" else None
     if radius is None:
         return candidate
     longest = 2.0 * radius

@@ -34,7 +34,8 @@ from wrinklecli.tools.records import RefinementSettings
 from wrinklecli.tools.yaml_tree import printable
 
 _CLOTH: MaterialName = "cloth"
-# Part of a mesh's area that has to be cloth for a field, and from which on all of it is.
+# Part of the largest mesh's area that has to be cloth for a field: a tie or a sock is less. Part of a mesh's area from
+# which on all of it is cloth.
 _SOME, _ALL = 0.1, 0.97
 # Parts of a body whose joints fold no garment: a neck moves within a collar; the folds of gloves and shoes are tools'.
 _APART: tuple[PartOfBody, ...] = ("neck", "head", "jaw", "eye", "hand", "palm", "finger", "foot", "toes")
@@ -104,9 +105,10 @@ def find_garments(asset: TriedAsset, meshes: Sequence[MeasuredMesh], options: Su
     own, hierarchy = read_bones(asset.document).parts, read_hierarchy(asset.document)
     # A joint of no part, such as hair's, moves with the part above it.
     parts = [next((own[k] for k in hierarchy.upwards(node) if own[k]), None) for node in range(len(own))]
+    least = _SOME * max((float(mesh.gauge.areas.sum()) for mesh in meshes), default=0.0)
     for number, mesh in enumerate(meshes):
         if all(mesh.gauge.surface is not other.gauge.surface for other in meshes[:number]):
-            found = _garment(asset, mesh, parts, [each.suggestion.field.name for each in garments], options)
+            found = _garment(asset, mesh, parts, [each.suggestion.field.name for each in garments], options, least)
             garments += [] if found is None else [found]
     return garments
 
@@ -117,8 +119,9 @@ def _garment(
     parts: Sequence[PartOfBody | None],
     taken: Sequence[str],
     options: SuggestOptions,
+    least: float,
 ) -> Garment | None:
-    """The field of a mesh; None if hardly anything of it is cloth, or if no joint folds it."""
+    """The field of a mesh; None if less than an area of it is cloth, or if no joint folds it."""
     gauge, rig, document = mesh.gauge, mesh.rig, asset.document
     if not rig.skinned or is_rigid(gauge):
         return None
@@ -130,7 +133,7 @@ def _garment(
     bending = bending_nodes(document, rig, LEAST_BENT)
     joints = [rig.names[node] for node in bending if parts[node] not in _APART]
     # What it is made of takes longest to find.
-    if not joints or float(gauge.areas @ folded) < _SOME * float(gauge.areas.sum()):
+    if not joints or float(gauge.areas @ folded) < least:
         return None
     kinds = asset.kinds(rig.node)[gauge.numbers]
     # A garment that is named so is one as a whole, whatever colours it has.
@@ -138,9 +141,9 @@ def _garment(
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]
     is_cloth = (kinds == SUBSTANCES.index(_CLOTH)) | (named & (kinds != SUBSTANCES.index("hard")))
     cloth = (np.where(asked < 0, is_cloth, asked == SUBSTANCES.index(_CLOTH)) & folded).astype(np.float64)
-    share = float(gauge.areas @ cloth / gauge.areas.sum())
-    if share < _SOME:
+    if float(gauge.areas @ cloth) < least:
         return None
+    share = float(gauge.areas @ cloth / gauge.areas.sum())
     whole = share > _ALL or bool((asked == SUBSTANCES.index(_CLOTH)).all())
     stem = _name_of([rig.node_name, str(document.items("meshes")[rig.mesh].get("name", ""))])
     values = {
@@ -160,10 +163,9 @@ def _garment(
 
 def _is_told(document: Document, mesh: int, primitive: int, hints: PrimitiveHints) -> bool:
     """True if a picture, a name or the user says what a primitive is made of: a plain colour may be anything's."""
-    if any(each is not None for each in (hints.asked, hints.material, hints.node)):
-        return True
+    said = any(each is not None for each in (hints.asked, hints.material, hints.node))
     shown = document.items("meshes")[mesh]["primitives"][primitive]
-    return "COLOR_0" in shown["attributes"] or bool(texture_info(document, shown, "baseColorTexture"))
+    return said or "COLOR_0" in shown["attributes"] or bool(texture_info(document, shown, "baseColorTexture"))
 
 
 def _name_of(names: Sequence[str]) -> str:
@@ -203,8 +205,8 @@ def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> 
     for each in found.kept:
         if (other := left_out.get(exchange_sides(each.mesh))) is not None:
             found.dropped.append(replace(other, name=each.field.name, mesh=each.mesh))
-    names = {each.name for each in found.dropped}
-    return replace(found, kept=[each for each in found.kept if each.field.name not in names])
+    kept = [each for each in found.kept if all(other.name != each.field.name for other in found.dropped)]
+    return replace(found, kept=kept)
 
 
 def _drafts(judge: Judge, least: RefinementSettings, fields: Sequence[SuggestedField]) -> dict[str, Dropped | Draft]:
