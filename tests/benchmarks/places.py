@@ -14,7 +14,7 @@ The model is an ordinal logistic regression: one weighted sum of their logarithm
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
 width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
 What is proposed has at least a chance to be kept that follows from this: each character left out in turn, four of five
-proposals, tools and fields together, are kept where the looks agree.
+proposals, tools and fields together, are kept by the mean of both looks.
 
 A row of unseen.csv is a place that the fit does not have: nobody had seen its character before what is proposed there.
 sources.csv has the public repositories of characters.
@@ -179,11 +179,10 @@ def agreed(places: Places) -> NDArray[np.bool_]:
 
 
 def least_of(places: Places, chances: Floats) -> float:
-    """The least chance, in hundredths, from which on as much as `ASKED` is kept of the places where the looks agree."""
-    asked = (places.counted | places.fields) & agreed(places)
+    """The least chance, in hundredths, from which on looks keep as much as `ASKED` of the places."""
     found = 1.0
     for least in np.arange(99, 0, -1) / 100:
-        chosen = places.verdicts[asked & (chances[:, 1] >= least)]
+        chosen = places.verdicts[(places.counted | places.fields) & (chances[:, 1] >= least)]
         if len(chosen) and np.mean(chosen == 2) < ASKED:
             break
         found = float(least)

@@ -25,13 +25,10 @@ def test_the_score_is_right_on_characters_left_out(tools: bool, fields: bool) ->
     chosen = (tools & table.counted & ~table.fields) | (fields & table.fields)
     chances, table = chances[chosen], table.only(chosen)
     assert places.right(table, chances) >= places.commonest(table) + 0.15
-    # Where the looks differ, one of them is wrong whatever the score says.
-    agreed = places.agreed(table)
-    assert agreed.mean() >= (0.75 if fields else 0.8)
-    (keep, weak, delete), found = places.proposed(table.only(agreed), chances[agreed], least)
+    assert places.agreed(table).mean() >= 0.8
+    (keep, weak, delete), found = places.proposed(table, chances, least)
     assert keep >= places.ASKED * (keep + weak + delete)
     assert found >= 0.7
-    assert places.proposed(table, chances, least)[1] >= 0.7
 
 
 def test_fields_that_artists_keep_are_proposed_and_armour_mostly_not() -> None:
