@@ -179,9 +179,9 @@ def agreed(places: Places) -> NDArray[np.bool_]:
 
 
 def least_of(places: Places, chances: Floats) -> float:
-    """The least chance, in hundredths, from which on looks keep as much as `ASKED` of the places."""
-    found = 1.0
-    for least in np.arange(99, 0, -1) / 100:
+    """The least chance, in thousandths, from which on looks keep as much as `ASKED` of the places."""
+    found, steps = 1.0, 10**DIGITS
+    for least in np.arange(steps - 1, 0, -1) / steps:
         chosen = places.verdicts[(places.counted | places.fields) & (chances[:, 1] >= least)]
         if len(chosen) and np.mean(chosen == 2) < ASKED:
             break

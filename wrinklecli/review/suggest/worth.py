@@ -350,6 +350,5 @@ def _closed(staged: StagedTool) -> float:
 
 def _frames_of(clip: Clip, rig: Rig) -> Floats:
     """(frames,) seconds at which a clip is looked at: its frames, or some of a very long one."""
-    frames = (clip.end - clip.start) * Sampling().fps
-    long = frames > _MOST_FRAMES
+    long = (clip.end - clip.start) * Sampling().fps > _MOST_FRAMES
     return np.linspace(clip.start, clip.end, _MOST_FRAMES) if long else clip_grid(clip, rig, fps=Sampling().fps)
