@@ -13,13 +13,13 @@ pytest.importorskip("ipctk", reason="needs the extra `contact`")
 import wrinklecli
 from kit.asset import Asset, Interpolation
 from kit.bakes import UNREFINED, bake_once, place, report_of
-from kit.creases import crossing
 from kit.limb import limb_asset, nose, tool, write_tools
 from kit.player import Gltf
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.crease import MarchedClip, march_clip
 from wrinklecli.effects.contact.layer import ContactLayer
+from wrinklecli.effects.contact.system import with_crossings
 from wrinklecli.effects.effect import SamplingOptions
 from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.numeric.guard import log_progress
@@ -200,4 +200,4 @@ def _marched(folder: Path, times: Sequence[float], rotations: Sequence[Any]) -> 
     (plan,) = plan_meshes(job)
     contact = plan.layer(ContactLayer)
     assert contact is not None
-    return march_clip(crossing(contact.folds[0]), job.clips[0], np.linspace(0.0, 4.0, 121))
+    return march_clip(with_crossings(contact.folds[0], []), job.clips[0], np.linspace(0.0, 4.0, 121))

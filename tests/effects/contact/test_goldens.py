@@ -7,12 +7,12 @@ import pytest
 
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
-from kit.creases import crossing
 from kit.folds import FOLDS
 from kit.golden import Golden, summed
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.contact.layer import ContactLayer
+from wrinklecli.effects.contact.system import with_crossings
 
 
 @pytest.mark.parametrize("kind", ["elbow", "groin"])
@@ -24,7 +24,7 @@ def test_a_fold_is_seen_by_the_solver_as_before(kind: str, tmp_path: Path, golde
     layer = plan.layer(ContactLayer)
     assert layer is not None
     described = []
-    for fold in map(crossing, layer.folds):
+    for fold in (with_crossings(each, []) for each in layer.folds):
         tissue, times = fold.tissue, np.linspace(clip.start, clip.end, 7)
         forces = np.sin(np.arange(3.0 * tissue.free.sum())).reshape(-1, 3)
         posed = fold.posed(clip, times)[0]
@@ -32,7 +32,8 @@ def test_a_fold_is_seen_by_the_solver_as_before(kind: str, tmp_path: Path, golde
             "rest": tissue.rest, "triangles": tissue.triangles, "colliding": tissue.colliding, "free": tissue.free,
             "own": tissue.own, "apart": tissue.apart, "crossed": fold.crossed, "border": fold.border,
             "raised": fold.raised, "pressures": tissue.pressures, "moves": tissue.moves_under(forces[None]),
-            "strides": fold.strides(clip, times), "posed": posed, "crossing": fold.crossing(posed[3]),
+            "strides": fold.strides(clip, times), "posed": posed,
+            "crossing": fold.crossings.vertices_at(posed[3], fold.own),
         }  # fmt: skip
         sweeps = [[len(times), times[-1]] for _, times in fold.hinge.sweeps]
         sums = {name: summed(np.asarray(each)) for name, each in arrays.items()}

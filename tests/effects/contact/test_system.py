@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("ipctk", reason="needs the extra `contact`")
 
 from kit.bakes import report_of
-from kit.creases import crossing, resolved
+from kit.creases import resolved
 from kit.folds import FOLDS
 from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
@@ -16,14 +16,12 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.effects.contact.crease import march_clip, resolve
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.layer import ContactLayer
+from wrinklecli.effects.contact.sample import _systems
 from wrinklecli.effects.contact.system import (
     System,
-    crossing_in_clips,
-    grouped,
-    holding_contacts,
     near_each_other,
-    touching_in_clips,
     union,
+    with_crossings,
 )
 from wrinklecli.review.crossings import crossings
 
@@ -56,7 +54,7 @@ def test_both_hips_over_one_pelvis_are_resolved_together() -> None:
 @pytest.mark.long
 def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -> None:
     (left, right), (clip,) = folds_of("groin", tmp_path)
-    assert near_each_other(crossing(left), crossing(right))
+    assert near_each_other(with_crossings(left, []), with_crossings(right, []))
     creases = tuple(resolved(each, most=4) for each in (left, right))
     times = np.linspace(clip.start, (clip.start + clip.end) / 2.0, 16)
     system = System(tuple(each.fold for each in creases), {0: (clip, times)})
@@ -77,34 +75,34 @@ def test_the_parts_of_folds_add_up_to_the_move_of_their_system(tmp_path: Path) -
         assert not one.crosses_itself
 
 
-def test_knees_that_meet_in_a_clip_are_found(tmp_path: Path) -> None:
+def test_knees_that_meet_in_a_clip_are_solved_together(tmp_path: Path) -> None:
     folds, clips = folds_of("knees", tmp_path)
-    ((one, two, vertices),) = touching_in_clips(folds, clips)
-    assert (one, two) == (0, 1)
-    assert np.isin(vertices, folds[0].vertices).any()
-    assert np.isin(vertices, folds[1].vertices).any()
-    assert touching_in_clips(folds[:1], clips) == touching_in_clips(folds, []) == []
+    ((one, two),) = _systems(folds, clips)
+    assert near_each_other(one, two)
+    assert one.radius == two.radius == pytest.approx((folds[0].radius + folds[1].radius) / 2.0)
+    assert [len(each) for each in _systems(folds, [])] == [1, 1]
+    assert _systems([], clips) == []
+
+
+def test_at_most_two_folds_are_solved_together(tmp_path: Path) -> None:
+    """Three copies of a fold have all vertices in common."""
+    (fold, _), _ = folds_of("knees", tmp_path)
+    assert [len(each) for each in _systems([fold] * 3, [])] == [2, 1]
 
 
 @pytest.mark.slow
 def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_path: Path) -> None:
     """Shins that pass through each other 4.5 radii from the knees, where either fold ends."""
     (fold, _), clips = folds_of("knees", tmp_path)
-    whole, further = fold, np.zeros(0, np.intp)
-    for _ in range(4):
-        whole, fresh = holding_contacts(crossing(whole, further), clips)
-        if not len(fresh):
-            break
-        further = np.union1d(further, fresh)
-    assert not len(fresh)
+    alone, whole = with_crossings(fold, []), with_crossings(fold, clips)
+    assert np.array_equal(alone.vertices, fold.vertices)
     assert np.isin(fold.vertices, whole.vertices).all()
-    assert not np.isin(further, fold.vertices).all()
-    assert np.isin(further, whole.vertices).all()
+    crossed = whole.vertices[whole.crossed[: len(whole.vertices)]]
+    assert np.isin(alone.vertices[alone.crossed], crossed).all()
+    assert not np.isin(crossed, fold.vertices).all()
     # The other leg is in the way, and no part of this fold.
     own = whole.fine.rest_positions[whole.vertices[whole.own], 2] > 0
     assert own.all() or not own.any()
-    still = crossing(fold)
-    assert holding_contacts(still, [])[0] is still
 
 
 @pytest.mark.slow
@@ -112,9 +110,8 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     tmp_path: Path,
 ) -> None:
     ((fold,), clips) = folds_of("low_poly", tmp_path)
-    assert not crossing(fold).crosses
-    assert not len(crossing_in_clips(fold, []))
-    crease = resolved(fold, most=4, further=crossing_in_clips(fold, clips))
+    assert not with_crossings(fold, []).crosses
+    crease = resolved(fold, most=4, clips=clips)
     assert not len(crease.shapes)
     solved = march_clip(crease.fold, clips[0], np.linspace(clips[0].start, clips[0].end, 31))
     assert crease.follow(solved).crossing
@@ -130,8 +127,3 @@ def test_a_union_has_each_triangle_of_its_folds_once(tmp_path: Path) -> None:
     assert len(np.unique(corners[0], axis=0)) == len(corners[0])
     assert np.array_equal(np.unique(corners[0], axis=0), np.unique(np.concatenate(corners[1:]), axis=0))
     assert np.array_equal(union(folds[:1]).vertices, folds[0].vertices)
-
-
-def test_groups_are_the_connected_folds() -> None:
-    assert grouped(5, [(3, 1), (1, 4)]) == [[0], [1, 3, 4], [2]]
-    assert grouped(2, []) == [[0], [1]]

@@ -299,13 +299,6 @@ class Fold:
         poses = chain.from_iterable(self.poses(*look) for look in looks)
         return kept_search(partial(search, poses), search.__qualname__, count, known)
 
-    def crossing(self, positions: Floats) -> Bools:
-        """(vertices,) True for corners of edges and triangles that cross at (vertices, 3) positions.
-
-        Crossings between other meshes do not count.
-        """
-        return self.crossings.vertices_at(positions, self.own)
-
     def meshes_crossing_themselves(self, clip: Clip, times: Floats) -> set[str]:
         """Nodes with other meshes that cross themselves at some of (frames,) seconds of a clip, and not at rest."""
         if not self.others or not len(times):
@@ -435,10 +428,7 @@ def _within(fold: Fold, reach: float) -> Fold:
 
 
 def grown(fold: Fold, further: Ints, distance: float) -> Fold:
-    """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units.
-
-    Where it crosses is to be looked for again.
-    """
+    """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units."""
     near = nearest_of(fold.fine.rest_positions[further], fold.fine.rest_positions)[0] <= distance
     near[fold.vertices] = True
     return _between(fold, near, fold.vertices[fold.own[: len(fold.vertices)]])
@@ -458,13 +448,13 @@ def _between(fold: Fold, near: Bools, seeds: Ints) -> Fold:
         local = (np.cumsum(own) - 1)[local[own[local[:, 0]]]]
         vertices, own = vertices[own], own[own]
     others = fold.triangles[fold.triangles[:, 0] >= count] + (len(vertices) - count)
-    own = np.concatenate([own, fold.own[count:]])
+    crossed = np.isin(vertices, fold.vertices[fold.crossed[:count]])
     return replace(
         fold,
         vertices=vertices,
         triangles=np.concatenate([local, others]),
-        own=own,
-        crossed=np.zeros(len(own), bool),
+        own=np.concatenate([own, fold.own[count:]]),
+        crossed=np.concatenate([crossed, fold.crossed[count:]]),
     )
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 from operator import call
 from typing import TypeVar
 
@@ -23,17 +22,12 @@ from wrinklecli.effects.contact.effect import (
 )
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 from wrinklecli.effects.contact.fold import Fold
-from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.kept import MOST_BYTES, Spanned, read, solution_key, written
 from wrinklecli.effects.contact.remaining import Shown, shown_in
 from wrinklecli.effects.contact.system import (
     System,
-    crossing_in_clips,
-    crossing_in_sweeps,
-    grouped,
-    holding_contacts,
     near_each_other,
-    touching_in_clips,
+    with_crossings,
 )
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
@@ -59,13 +53,8 @@ _KEPT = 0.5
 # Bytes of a vertex, and of one that is free to move, in a solution: a position, and a matrix. A solution takes about
 # twice as much, and contact acts in about half of the frames.
 _VERTEX_BYTES, _FREE_BYTES = 24, 72
-# Most folds that are solved together: two limbs that meet, or share a trunk. In a fist each finger meets all others; a
-# union of three of them takes minutes, and tears.
-_MOST_TOGETHER = 2
 # Bytes that the smallest fold takes, below which libraries end the process rather than raise an error.
 _ROOM = 32 * 10**6
-# Times that a fold grows by what its free vertices cross in clips, at most: each lets others move, which may cross too.
-_GROWTHS = 3
 
 
 def resolve_folds(
@@ -205,49 +194,21 @@ def _free_count(members: Sequence[Fold]) -> int:
 
 
 def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
-    """The folds that are solved together, with all that crosses in them."""
+    """The folds that are solved together, with all that crosses in them.
+
+    They are two at most, such as limbs that meet, or share a trunk. In a fist each finger meets all others; a union of
+    three of them takes minutes, and tears.
+    """
     clips = clips if all(fold.per_clip for fold in folds) else []
-    whole = [_with_crossings(fold, clips) for fold in folds]
-    hinged = [number for number, fold in enumerate(folds) if isinstance(fold.hinge, Hinge)]
-    touching = [
-        (hinged[one], hinged[two], vertices)
-        for one, two, vertices in touching_in_clips([whole[number] for number in hinged], clips)
-    ]
-    near = [
-        (one, two, np.zeros(0, np.intp))
-        for one, two in combinations(hinged, 2)
-        if whole[one].crosses and whole[two].crosses and near_each_other(whole[one], whole[two])
-    ]
-    pairs: list[tuple[int, int]] = []
-    for one, two, crossing in (*near, *touching):
-        more = [*pairs, (one, two)]
-        if max(map(len, (each for each in grouped(len(folds), more) if one in each))) <= _MOST_TOGETHER:
-            pairs = more
-            whole[one], whole[two] = whole[one].crossing_also(crossing), whole[two].crossing_also(crossing)
-    pairs = [(one, two) for one, two in pairs if whole[one].crosses and whole[two].crosses]
-    return [_as_thick([whole[number] for number in each]) for each in grouped(len(folds), pairs)]
-
-
-def _with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
-    """A fold with what crosses in its own motion, or else in clips, and with what else crosses that in clips."""
-    further = np.zeros(0, np.intp)
-    fold = replace(fold, crossed=crossing_in_sweeps(fold))
-    if not fold.crosses:
-        further = crossing_in_clips(fold, clips)
-        fold = fold.crossing_also(further)
-    for _ in range(_GROWTHS if fold.crosses else 0):
-        held, fresh = holding_contacts(fold, clips)
-        if not len(fresh):
-            break
-        further = np.union1d(further, fresh)
-        fold = replace(held, crossed=crossing_in_sweeps(held)).crossing_also(further)
-    return fold
-
-
-def _as_thick(folds: list[Fold]) -> list[Fold]:
-    """Folds that are solved together, in units of their mean thickness."""
-    radius = float(np.mean([fold.radius for fold in folds]))
-    return [replace(fold, radius=radius) for fold in folds] if len(folds) > 1 else folds
+    whole, systems = [with_crossings(fold, clips) for fold in folds], list[list[Fold]]()
+    while whole:
+        first, *whole = whole
+        other = next((each for each in whole if near_each_other(first, each)), first)
+        whole = [each for each in whole if each is not other]
+        # Both count as equally thick.
+        radius = (first.radius + other.radius) / 2.0
+        systems.append([replace(each, radius=radius) for each in (first, other)] if other is not first else [first])
+    return systems
 
 
 def _lowered(heights: Mapping[int, Rows], clips: _Clips) -> dict[str, Rows]:

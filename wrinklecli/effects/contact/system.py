@@ -7,7 +7,7 @@ fold fits its own shapes to its part. Shapes, targets and look-ups are those of 
 alone: a set of targets for the whole system would have to follow several joints at once. Not in the paper.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property, reduce
 
@@ -20,12 +20,14 @@ from wrinklecli.effects.contact.fold import REACH_RADII, Fold, Look, Poses, grow
 from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, distinct_values
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, distinct_values
 
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
+# Times that a fold grows by what its vertices cross in clips, at most: each lets others move, which may cross too.
+_GROWTHS = 3
 # Moments of a clip among which the turn of a joint is looked for that is furthest.
 _LOOKS = 65
 
@@ -137,84 +139,37 @@ def union(folds: Sequence[Fold]) -> Fold:
     )
 
 
-def touching_in_clips(folds: Sequence[Fold], clips: Iterable[Clip]) -> list[tuple[int, int, Ints]]:
-    """Find folds that cross each other in clips, and not at rest, as skinned and wrinkled.
-
-    Returns:
-        The numbers of two folds, and the vertices of both that cross, as often as folds do.
-    """
-    if len(folds) < 2:
-        return []
-    whole = union([_mesh_alone(each) for each in folds])
-    places = whole.rest_positions
-    apart = np.full((len(folds), len(places)), np.inf)
-    for distances, each in zip(apart, folds, strict=True):
-        rows = np.searchsorted(whole.vertices, each.vertices[each.own[: len(each.vertices)]])
-        distances[rows] = np.sqrt(np.sum((places[rows] - each.pivot) ** 2, axis=1)) / each.radius
-    nearest = np.where(np.isfinite(apart).any(axis=0), np.argmin(apart, axis=0), -1)
-    still = whole.crossing(places)
-    found: dict[tuple[int, int], set[int]] = {}
-    for clip in clips:
-        for positions in whole.posed(clip, _moments(folds, clip))[0]:
-            edges, triangles = whole.crossings.at(positions)
-            corners = np.concatenate([whole.crossings.edges[edges], whole.crossings.triangles[triangles]], axis=1)
-            corners = corners[~still[corners].any(axis=1)]
-            labels = nearest[corners]
-            for one, two in np.unique(labels[:, [0, 2]], axis=0).tolist():
-                if one != two and min(one, two) >= 0:
-                    these = corners[(labels[:, 0] == one) & (labels[:, 2] == two)]
-                    pair = (min(one, two), max(one, two))
-                    found.setdefault(pair, set()).update(whole.vertices[np.unique(these)].tolist())
-    return [(one, two, np.array(sorted(vertices), np.intp)) for (one, two), vertices in sorted(found.items())]
-
-
-def crossing_in_sweeps(fold: Fold) -> Bools:
-    """(vertices,) True for those that cross in a sweep and not at rest, as skinned and wrinkled."""
-    return _crossing_in(fold, [(clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for clip, _ in fold.hinge.sweeps])
-
-
-def crossing_in_clips(fold: Fold, clips: Iterable[Clip]) -> Ints:
-    """The fine vertices of a fold that cross in clips and not at rest, as skinned and wrinkled."""
-    marked = _crossing_in(fold, [(clip, _moments([fold], clip)) for clip in clips])
-    return fold.vertices[marked[: len(fold.vertices)]]
-
-
-def _crossing_in(fold: Fold, looks: Sequence[Look]) -> Bools:
-    """(vertices,) True for those that cross at seconds of some motions, and not at rest."""
-
-    def crossing(poses: Poses) -> Ints:
-        marked = np.logical_or.reduce([fold.crossing(positions) for positions, _ in poses])
-        return np.asarray(marked & ~fold.crossing(fold.rest_positions), np.intp)
-
-    return np.asarray(fold.searched(looks, len(fold.own), crossing, fold.own) > 0)
-
-
-def holding_contacts(fold: Fold, clips: Sequence[Clip]) -> tuple[Fold, Ints]:
-    """A fold that holds all of its mesh that its free vertices cross in clips, as skinned and wrinkled.
+def with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
+    """A fold with what crosses in its own motion, and all of its mesh that crosses what it moves in clips.
 
     A shin may meet the other one far below the knee, where the fold of either knee ends: what it may move would cross
-    what it does not see.
-
-    Args:
-        fold: The fold.
-        clips: The clips.
-
-    Returns:
-        The fold, which may have grown, and the fine vertices that cross and that it did not have, or held still.
+    what it does not see. And knees may meet beside what either crosses in its own motion.
     """
-    looks, free = [(clip, _moments([fold], clip)) for clip in clips], fold.vertices[fold.near[: len(fold.vertices)]]
-    wide = _coming_near(_mesh_alone(grown(fold, fold.vertices, REACH_RADII * fold.radius)), free, looks)
-    counting = np.isin(wide.vertices, free)
+    sweeps = [(clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for clip, _ in fold.hinge.sweeps]
+    looks = [(clip, _moments(fold, clip)) for clip in clips]
+    fold = replace(fold, crossed=_crossing_in(fold, sweeps, fold.own))
+    for _ in range(_GROWTHS):
+        count = len(fold.vertices)
+        counting = fold.vertices[(fold.near | fold.raised)[:count]]
+        alone = replace(fold, others=(), triangles=fold.triangles[fold.triangles[:, 0] < count], own=fold.own[:count])
+        wide = _coming_near(grown(alone, fold.vertices, REACH_RADII * fold.radius), counting, looks)
+        found = wide.vertices[_crossing_in(wide, looks, np.isin(wide.vertices, counting))]
+        if np.isin(found, fold.vertices[fold.crossed[:count]]).all():
+            break
+        fold = grown(fold, found, FREE * SOFT * fold.radius / UNITS).crossing_also(found)
+    return fold
 
-    def held_still(poses: Poses) -> Ints:
-        still, marked = wide.crossings.pairs_at(wide.rest_positions, counting), np.zeros(len(counting), np.intp)
+
+def _crossing_in(fold: Fold, looks: Sequence[Look], counting: Bools) -> Bools:
+    """(vertices,) True for those that cross at seconds of some motions and not at rest, one of them counting."""
+
+    def crossing(poses: Poses) -> Ints:
+        still, marked = fold.crossings.pairs_at(fold.rest_positions, counting), np.zeros(len(counting), np.intp)
         for positions, _ in poses:
-            corners = wide.crossings.corners_of(wide.crossings.pairs_at(positions, counting) - still)
-            marked[corners[~counting[corners].all(axis=1)]] = 1
+            marked[fold.crossings.corners_of(fold.crossings.pairs_at(positions, counting) - still)] = 1
         return marked
 
-    fresh = wide.vertices[wide.searched(looks, len(counting), held_still, counting) > 0]
-    return grown(fold, fresh, FREE * SOFT * fold.radius / UNITS) if len(fresh) else fold, fresh
+    return np.asarray(fold.searched(looks, len(counting), crossing, counting) > 0)
 
 
 def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
@@ -238,28 +193,14 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
     return replace(fold, vertices=fold.vertices[vertices], triangles=triangles.reshape(-1, 3), own=own, crossed=crossed)
 
 
-def _moments(folds: Sequence[Fold], clip: Clip) -> Floats:
-    """(moments,) seconds of a clip, evenly spread, and those at which each joint is turned furthest either way."""
+def _moments(fold: Fold, clip: Clip) -> Floats:
+    """(moments,) seconds of a clip, evenly spread, and those at which the joint is turned furthest either way."""
     evenly, times = (np.linspace(clip.start, clip.end, count) for count in (_MOMENTS, _LOOKS))
-    strides = [each.hinge.strides(each.rig, clip, times) for each in folds]
-    furthest = [times[end(each)] for each in strides for end in (np.argmin, np.argmax)]
-    return distinct_values(np.array([*evenly, *furthest]))
-
-
-def _mesh_alone(fold: Fold) -> Fold:
-    """The fold without other meshes."""
-    count = len(fold.vertices)
-    return replace(fold, others=(), triangles=fold.triangles[fold.triangles[:, 0] < count], own=fold.own[:count])
+    strides = fold.strides(clip, times)
+    return distinct_values(np.array([*evenly, times[strides.argmin()], times[strides.argmax()]]))
 
 
 def near_each_other(one: Fold, two: Fold) -> bool:
     """True if two folds may move the same vertices."""
     first, second = (each.vertices[each.near[: len(each.vertices)]] for each in (one, two))
     return bool(np.isin(first, second).any())
-
-
-def grouped(count: int, pairs: Iterable[tuple[int, int]]) -> list[list[int]]:
-    """The groups of `count` folds of which some pairs belong together, in the order of their first folds."""
-    edges = np.array([*pairs], np.intp).reshape(-1, 2)
-    labels = components(edges, count)
-    return [np.flatnonzero(labels == each).tolist() for each in distinct_values(labels)]
