@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 from scipy.interpolate import PchipInterpolator
 
 from kit.bakes import place
@@ -233,7 +236,6 @@ def test_the_cap_and_the_weights(rig: Rig) -> None:
     assert weights.max() <= 1.0
     lengths = np.linalg.norm(signed(weights), axis=1)
     assert 0.8 < lengths.max() <= 1.0 + 1e-12
-    assert signed(nonnegative(np.array([[0.3, -0.4, 0.1]]))) == pytest.approx(np.array([[0.3, -0.4, 0.1]]))
 
 
 def test_a_hidden_body_does_not_swing(rig: Rig) -> None:
@@ -270,3 +272,16 @@ def test_extras_of_others_are_refused(rig: Rig, key: str, value: Any) -> None:
     data = drive().to_json(rig.names, ()) | {key: value}
     with pytest.raises((KeyError, TypeError, ValueError)):
         read_swing(data, {name: number for number, name in enumerate(rig.names)})
+
+
+@given(arrays(np.float64, array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.floats(-1.0, 1.0, width=32)))
+def test_weights_are_from_0_to_1_and_mean_the_signed_numbers(numbers: Floats) -> None:
+    weights = nonnegative(numbers)
+    assert weights.shape == (len(numbers), numbers.shape[1] + 1)
+    assert weights.min() >= 0.0
+    assert weights.max() <= 1.0 + 1e-12
+    assert signed(weights) == pytest.approx(numbers, abs=1e-9)
+    # The further shape is minus the sum of the others, and is not needed where no number is negative.
+    parts = signed(np.eye(numbers.shape[1] + 1))
+    assert weights @ parts == pytest.approx(numbers, abs=1e-9)
+    assert not nonnegative(np.abs(numbers))[:, -1].any()

@@ -223,13 +223,17 @@ def read_swing(data: Json, nodes: Mapping[str, int]) -> SwingDrive:
 
 
 def nonnegative(numbers: Floats) -> Floats:
-    """(frames, modes + 1) weights in [0, 1] from (frames, modes) numbers in [-1, 1]: see `NonNegativeBasis`."""
+    """(frames, shapes + 1) weights in [0, 1] from (frames, shapes) numbers in [-1, 1].
+
+    A further shape is equal to minus the sum of the others. Blender and some other players allow no weight below 0 or
+    above 1.
+    """
     below = np.minimum(numbers.min(axis=1, initial=0.0), 0.0)[:, None]
     return np.concatenate([(numbers - below) / 2.0, -below], axis=1)
 
 
 def signed(weights: Floats) -> Floats:
-    """(frames, modes) numbers in [-1, 1] from (frames, modes + 1) weights: the inverse of `nonnegative`."""
+    """(frames, shapes) numbers in [-1, 1] from (frames, shapes + 1) weights: the inverse of `nonnegative`."""
     return np.asarray(2.0 * weights[:, :-1] - weights[:, -1:])
 
 

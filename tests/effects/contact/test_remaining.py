@@ -20,7 +20,7 @@ from wrinklecli.baking.job import BakeOptions, read_job
 from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.drive.drive import Drive
 from wrinklecli.effects.contact.crease import PlayerError, march_clip
-from wrinklecli.effects.contact.effect import ContactWords, NonNegativeBasis, contact_effect
+from wrinklecli.effects.contact.effect import ContactWords, contact_effect
 from wrinklecli.effects.contact.layer import ContactLayer
 from wrinklecli.effects.contact.pose_faults import TORN, WORSE
 from wrinklecli.effects.contact.remaining import FADE, _state, nearness, shown_in
@@ -75,7 +75,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
 
     silent = PlayerError(0.0, 0.0, silent=True)
     words = ContactWords(crease, ("crease",), {"fold": own}, (left,), {"fold": silent})
-    found = contact_effect(words, "crease_contact", NonNegativeBasis(len(crease.shapes), 1.5), [], ())
+    found = contact_effect(words, "crease_contact", [], ())
     assert isinstance(found.drive, Drive)
     assert found.drive.strengths == {"fold": 0.0}
     lines = words.warnings(plan, [], up="y")

@@ -32,7 +32,7 @@ from wrinklecli.surface.refine import Refinement
 
 SHAPE_ERROR = 0.35
 """Greatest error of a vertex over the greatest move. Errors are hidden in the fold; shapes are right at contacts."""
-# Most shapes of a fold, whatever their error: with the shape that `NonNegativeBasis` adds, ten morph targets.
+# Most shapes of a fold, whatever their error: with the shape that `nonnegative` asks for, ten morph targets.
 _MOST_SHAPES = 9
 # Poses from rest to the beginning of a clip that is folded there, or to the pose to which a clip jumps.
 _APPROACH = 33

@@ -6,7 +6,9 @@ from dataclasses import asdict, field, replace
 import numpy as np
 
 from wrinklecli.drive.drive import Drive, Rows
+from wrinklecli.drive.swing import nonnegative
 from wrinklecli.effects.contact.crease import Crease, Followed, PlayerError
+from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.remaining import Remaining
 from wrinklecli.effects.effect import Effect, MeshPlan, Seen, Target
@@ -24,41 +26,10 @@ MOST_APART = 0.1
 says so. Where one joint folds the surface, it is 0.03 to 0.05, and hidden in the fold."""
 
 
-@dataclass(frozen=True, slots=True)
-class NonNegativeBasis:
-    """Adds a shape equal to minus the sum of the others, so that signed weights become weights in [0, 1].
-
-    Blender and some other players allow no weight below 0 or above 1.
-
-    Attributes:
-        count: Number of the original shapes.
-        greatest: Bound on the absolute values of their weights.
-    """
-
-    count: int
-    greatest: float
-
-    def weights(self, signed: Floats) -> Floats:
-        """(frames, count + 1) weights from (frames, count) signed ones."""
-        below = np.minimum(signed.min(axis=1, initial=0.0), 0.0)[:, None]
-        return np.concatenate([signed - below, -below], axis=1) / self._full
-
-    @property
-    def unmix(self) -> Floats:
-        """(count + 1, count) the parts of the original shapes in the new ones."""
-        parts = np.concatenate([np.eye(self.count), -np.ones((1, self.count))])
-        return np.asarray(self._full[:, None] * parts)
-
-    @property
-    def _full(self) -> Floats:
-        """(count + 1,) the signed weights that weights of 1 stand for."""
-        return self.greatest * np.append(np.full(self.count, 2.0), 1.0)
-
-
 def contact_effect(
-    words: "ContactWords", identifier: str, basis: NonNegativeBasis, columns: Sequence[int], targets: tuple[Target, ...]
+    words: "ContactWords", identifier: str, columns: Sequence[int], targets: tuple[Target, ...]
 ) -> Effect:
-    """The effect of a fold, of whose shapes in a basis the numbers `columns` have targets.
+    """The effect of a fold, of whose shapes with weights in [0, 1] the numbers `columns` have targets.
 
     In clips that were solved weights are rows. In others a drive looks them up by the joint's angle, or by the tool's
     shortening if no joint bends the fold. They are 0 where they would be further off than none.
@@ -66,7 +37,7 @@ def contact_effect(
     crease, names, signal = words.crease, tuple(each.name for each in targets), words.crease.signal
 
     def written(signed: Floats) -> Floats:
-        return basis.weights(signed)[:, list(columns)]
+        return nonnegative(signed / MOST_WEIGHT)[:, list(columns)]
 
     response = crease.response.mapped(written)
     drive = Drive("", signal, names, response) if signal else tool_drive(crease.fold.patches[0], names, response)

@@ -11,13 +11,13 @@ import numpy as np
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
 from wrinklecli.drive.drive import Drive, Rows
+from wrinklecli.drive.swing import signed
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, march_clip, resolve
 from wrinklecli.effects.contact.effect import (
     MOST_APART,
     SECTION,
     ContactWords,
-    NonNegativeBasis,
     contact_effect,
 )
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT
@@ -308,7 +308,6 @@ def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> E
     name = _identifier(plan, crease.fold, effects)
     if not len(crease.shapes):
         return Effect(name, SECTION, name, (), None, words)
-    basis = NonNegativeBasis(len(crease.shapes), MOST_WEIGHT)
     shapes = make_shapes(
         plan.fine,
         crease.fold.free_vertices,
@@ -317,15 +316,15 @@ def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> E
         samples=_samples(plan, crease, effects) if plan.has_normals else [],
         folded=True,
     )
-    mixed = _in_basis(basis, shapes)
+    mixed = _nonnegative(shapes)
     columns = [number for number, shape in enumerate(mixed) if shape is not None]
-    return contact_effect(words, name, basis, columns, named_targets(name, mixed))
+    return contact_effect(words, name, columns, named_targets(name, mixed))
 
 
-def _in_basis(basis: NonNegativeBasis, shapes: Sequence[Shape | None]) -> list[Shape | None]:
-    """The shapes of a basis: sums of a fold's shapes with their fitted normals, as a fit of the sums is worse."""
+def _nonnegative(shapes: Sequence[Shape | None]) -> list[Shape | None]:
+    """The shapes whose weights are in [0, 1]: sums of others with their fitted normals, as a fit of sums is worse."""
     made: list[Shape | None] = []
-    for row in basis.unmix:
+    for row in MOST_WEIGHT * signed(np.eye(len(shapes) + 1)):
         parts = [(shape, factor) for shape, factor in zip(shapes, row, strict=True) if shape is not None and factor]
         made.append(summed([shape for shape, _ in parts], np.array([each for _, each in parts])) if parts else None)
     return made
