@@ -171,8 +171,22 @@ def encode_mesh(
         if len(refined.new):
             refine_primitive(edited, primitive, refined, fine, where, written)
         unpack(edited, primitive)
-        if targets:
-            _add_targets(edited, primitive, targets, refined, base, smooth, written)
+        if not targets:
+            continue
+        count, copies = len(refined.weld), ValueIndex.of(refined.weld)
+        added: list[Json] = []
+        for number, each in enumerate(targets):
+            added.append({})
+            for name, (vertices, deltas) in _target_deltas(each.shape, refined, copies, base, smooth).items():
+                key = ("added", number, name, refined.group if name == "POSITION" else base.key)
+                add = partial(edited.add_deltas, vertices, deltas, count=count, bounds=name == "POSITION")
+                added[-1][name] = once(written, key, add)
+        nothing = np.zeros(0, np.intp), np.zeros((0, 3))
+        old = [
+            target | {name: edited.add_deltas(*nothing, count=count) for name in base.names if name not in target}
+            for target in primitive.get("targets", [])
+        ]
+        primitive["targets"] = old + added
     if not targets:
         return
     _name_targets(mesh, old_names + [target.name for target in targets])
@@ -259,32 +273,6 @@ def _smooth_normals(fine: Refinement, targets: Sequence[Target]) -> Floats:
     smooth = np.zeros(fine.positions.shape)
     smooth[turned] = fine.normals_at(turned)
     return smooth
-
-
-def _add_targets(
-    edited: EditedDocument,
-    primitive: Json,
-    targets: Sequence[Target],
-    refined: RefinedPrimitive,
-    base: _Base,
-    smooth: Floats,
-    written: Written,
-) -> None:
-    """Append morph targets to a primitive, and give its old ones zeros for the attributes that they lack."""
-    count, copies = len(refined.weld), ValueIndex.of(refined.weld)
-    added: list[Json] = []
-    for number, each in enumerate(targets):
-        added.append({})
-        for name, (vertices, deltas) in _target_deltas(each.shape, refined, copies, base, smooth).items():
-            key = ("added", number, name, refined.group if name == "POSITION" else base.key)
-            add = partial(edited.add_deltas, vertices, deltas, count=count, bounds=name == "POSITION")
-            added[-1][name] = once(written, key, add)
-    nothing = np.zeros(0, np.intp), np.zeros((0, 3))
-    old = [
-        target | {name: edited.add_deltas(*nothing, count=count) for name in base.names if name not in target}
-        for target in primitive.get("targets", [])
-    ]
-    primitive["targets"] = old + added
 
 
 def _target_deltas(

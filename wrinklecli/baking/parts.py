@@ -41,9 +41,7 @@ def parts_of(
     first ones of the mesh.
     """
     faces = [each.triangles if len(each.triangles) else np.arange(len(each.weld))[None] for each in refined_primitives]
-    moved, seen = (
-        _moved_faces(document, primitives, refined_primitives, faces, least_turn=least) for least in (0.0, _UNSEEN)
-    )
+    moved, seen = _moved_faces(document, primitives, refined_primitives, faces)
     sets, part_of = divided(moved, seen, own=own)
     ends = np.cumsum([len(each) for each in faces])[:-1]
     of_primitives = np.split(part_of, ends)
@@ -92,24 +90,20 @@ def _moved_faces(
     primitives: Sequence[Json],
     refined_primitives: Sequence[RefinedPrimitive],
     faces: Sequence[Ints],
-    *,
-    least_turn: float,
-) -> Bools:
-    """(faces, targets) True if a target changes anything at a corner of a face, in any primitive.
-
-    A NORMAL delta counts if it is longer than `least_turn`.
-    """
+) -> list[Bools]:
+    """(faces, targets) True if a target changes a corner of a face in any primitive, and True if one sees it."""
     count = 1 + max(int(each.weld.max(initial=0)) for each in refined_primitives)
-    moved = np.zeros((count, len(primitives[0]["targets"])), bool)
+    moved, seen = np.zeros((2, count, len(primitives[0]["targets"])), bool)
     for primitive, refined in zip(primitives, refined_primitives, strict=True):
         for number, target in enumerate(primitive["targets"]):
             for name, index in target.items():
                 rows, deltas = document.changes(index)
-                if name == "NORMAL" and least_turn:
-                    rows = rows[np.linalg.norm(deltas, axis=1) > least_turn]
                 moved[refined.weld[rows], number] = True
+                if name == "NORMAL":
+                    rows = rows[np.linalg.norm(deltas, axis=1) > _UNSEEN]
+                seen[refined.weld[rows], number] = True
     corners = [refined.weld[each] for refined, each in zip(refined_primitives, faces, strict=True)]
-    return np.concatenate([moved[each].any(axis=1) for each in corners])
+    return [np.concatenate([flags[each].any(axis=1) for each in corners]) for flags in (moved, seen)]
 
 
 def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:

@@ -64,30 +64,17 @@ def bake(
         ['wrinkle_palm_side_1']
     """
     options = replace(options or BakeOptions(), **named)
-    with part_of(outputs) as written:
-        return _bake(asset, tools, out, options, written, progress)
-
-
-def _bake(
-    asset: str | os.PathLike[str],
-    tools: ToolsPaths,
-    out: str | os.PathLike[str] | None,
-    options: BakeOptions,
-    outputs: Outputs,
-    progress: Progress,
-) -> Report:
-    """Bake, and add the files to write to `outputs`."""
     if options.split and options.mode != "morph":
         message = f"split keeps morph targets from what they do not move; mode {options.mode} writes none that move any"
         raise BakeError(message, where=os.fspath(asset))
     clock = StageClock()
-    if out is not None:
-        outputs.claim(out)
-    outputs.protect([asset, *tools_paths(tools), *options.anims])
-    with guarded(os.fspath(asset)):
+    with part_of(outputs) as added, guarded(os.fspath(asset)):
+        if out is not None:
+            added.claim(out)
+        added.protect([asset, *tools_paths(tools), *options.anims])
         with clock.stage("read"):
             job = read_job(asset, tools, options)
-            outputs.protect([*job.inputs, *job.beside])
+            added.protect([*job.inputs, *job.beside])
         with clock.stage("plan"):
             plans = plan_meshes(job, influences=BUDGETS[options.engine].influences if options.engine else None)
             for plan in plans:
@@ -112,7 +99,7 @@ def _bake(
             log_findings(report.warnings, report.notes, where=os.fspath(asset))
             if options.strict:
                 refuse_warnings(report.warnings, where=os.fspath(asset))
-        written = run.write(edited, posed, out, outputs)
+        written = run.write(edited, posed, out, added)
         timings = make_timings(clock, job, baked, bytes_written=written)
         return replace(report, bytes_written=written or 0, timings=timings)
 

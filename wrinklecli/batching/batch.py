@@ -48,40 +48,29 @@ def run_jobs(
         WrinkleError: The cache's store, or Dask's scheduler, does not answer, or Dask is missing.
     """
     with _without_empty_folders(jobs):
-        yield from _outcomes(jobs, settings, workers, open_outputs, tell, warn)
-
-
-def _outcomes(
-    jobs: Sequence[BatchJob],
-    settings: Settings,
-    workers: Workers,
-    open_outputs: OpenOutputs,
-    tell: Callable[[str], object],
-    warn: Callable[[str], object],
-) -> Iterator[Outcome]:
-    if workers.scheduler is None and workers.count == 1:
+        if workers.scheduler is None and workers.count == 1:
+            _open_cache(settings, warn)
+            for job in jobs:
+                yield run_job(job, settings, open_outputs=open_outputs)
+            return
+        refuse_without_dask(workers)
+        if workers.scheduler is not None:
+            # Workers of a cluster share the disks of this machine, but not its current folder.
+            paths = dict.fromkeys(("asset", "tools", "file", "folder", "other"), absolute)
+            jobs = [job.with_paths(**paths) for job in jobs]
+            settings = replace(settings, cache=absolute(settings.cache))
         _open_cache(settings, warn)
+        to_bake: list[BatchJob] = []
+        end = time.monotonic() + _LOOKUP_SECONDS
         for job in jobs:
-            yield run_job(job, settings, open_outputs=open_outputs)
-        return
-    refuse_without_dask(workers)
-    if workers.scheduler is not None:
-        # Workers of a cluster share the disks of this machine, but not its current folder.
-        paths = dict.fromkeys(("asset", "tools", "file", "folder", "other"), absolute)
-        jobs = [job.with_paths(**paths) for job in jobs]
-        settings = replace(settings, cache=absolute(settings.cache))
-    _open_cache(settings, warn)
-    to_bake: list[BatchJob] = []
-    end = time.monotonic() + _LOOKUP_SECONDS
-    for job in jobs:
-        looks = len(to_bake) < _ENOUGH_TO_BAKE and time.monotonic() < end
-        outcome = fetch_job(job, settings, open_outputs=open_outputs) if looks else None
-        if outcome is None:
-            to_bake.append(job)
-        else:
-            yield outcome
-    if to_bake:
-        yield from run_on_dask(to_bake, settings, workers, tell)
+            looks = len(to_bake) < _ENOUGH_TO_BAKE and time.monotonic() < end
+            outcome = fetch_job(job, settings, open_outputs=open_outputs) if looks else None
+            if outcome is None:
+                to_bake.append(job)
+            else:
+                yield outcome
+        if to_bake:
+            yield from run_on_dask(to_bake, settings, workers, tell)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """Say, without a bake, where each tool attaches, how far clips shorten it, and how much mesh it refines."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -157,8 +157,17 @@ def check(
             # No tool is at fault, and an option of the bake decides.
             notes += track_warnings(plan, baked)
             measured = [each for each in zip(parts, seen, strict=True) if each[0].attached.segment is not None]
-            others = [each for each in zip(parts, seen, strict=True) if each[0].attached.segment is None]
-            for section, found in _check_unmeasured(plan, moving, others, sampling, job):
+            # Those that measure no segment: effects below the skin, and fields.
+            unmeasured = [
+                (effect.section, _describe(plan, effect.words, effect.target_names, below, job))
+                for effect, below in play_below_skin(plan, moving, sampling)
+            ]
+            for part, own in zip(parts, seen, strict=True):
+                if part.attached.segment is None:
+                    found = _describe(plan, part.words(plan), part.drive.targets, own, job)
+                    found["warnings"] = [*found["warnings"], *turned_warnings(plan, part, own)]
+                    unmeasured.append((part.attached.tool.sections[0], found))
+            for section, found in unmeasured:
                 sections.setdefault(section, []).append(found)
                 warnings += found["warnings"]
             shared = _overlaps(
@@ -194,27 +203,6 @@ def _clips_to_check(plan: MeshPlan, job: Job) -> list[Clip]:
     return [
         clip for clip in job.clips if clip.name not in made or any(channel.node in moving for channel in clip.channels)
     ]
-
-
-def _check_unmeasured(
-    plan: MeshPlan,
-    clips: Sequence[Clip],
-    parts: Sequence[tuple[Part, Sequence[Seen]]],
-    sampling: SamplingOptions,
-    job: Job,
-) -> Iterator[tuple[str, Json]]:
-    """Describe the effects that measure no segment, each after the key of its section: those below the skin and fields.
-
-    `parts` are the latter, each as it is seen in clips.
-    """
-    for effect, below in play_below_skin(plan, clips, sampling):
-        yield effect.section, _describe(plan, effect.words, effect.target_names, below, job)
-    for part, seen in parts:
-        found = _describe(plan, part.words(plan), part.drive.targets, seen, job)
-        yield (
-            part.attached.tool.sections[0],
-            {**found, "warnings": found["warnings"] + turned_warnings(plan, part, seen)},
-        )
 
 
 def _describe(plan: MeshPlan, words: Words, targets: tuple[str, ...], seen: Sequence[Seen], job: Job) -> Json:

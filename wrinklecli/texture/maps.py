@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -218,12 +218,19 @@ def make_maps(
             nodes.append({"node": plan.rig.node_name, "wrinkle": drives})
             warnings += _nameless(job.document, plan, effects)
             shown: dict[int | None, list[Shown]] = {}
-            # One after another, as the finely refined meshes of all tools at once would take the memory of all.
+            # The shapes of tools by the materials that show them. Tools come one after another, as the finely refined
+            # meshes of all at once would take the memory of all.
             for done, (effect, part, side) in enumerate(zip(effects, skin_parts(plan), sides, strict=True)):
                 progress("refine", done, len(effects))
-                placed = _Placed(effect, part, side)
-                for material, found in _shown_finely(job, plan, placed, neighbours, options, how, texcoords):
-                    shown.setdefault(material, []).extend(found)
+                region, tool = part.attached.regions[0], part.attached.tool
+                samples = region.span / region.intervals / side * options.supersample
+                fine, own = plan_finely(job, plan.rig.node, tool, neighbours, how, most_edges=samples)
+                relief = Relief.of(own, fine.fine)
+                for layout in layouts_of(job.document, fine, texcoords):
+                    textured = layout.textured(fine, options.size * options.supersample)
+                    faces = np.flatnonzero(relief.covers(textured.triangles))
+                    found = _shown(effect, relief, textured, layout.uvs, faces, options)
+                    shown.setdefault(layout.material, []).extend(found)
             for layout in layouts:
                 made = _made(plan, layout, shown.get(layout.material, []), options, warnings)
                 taken = {each["name"] for each in materials}
@@ -322,40 +329,6 @@ def _too_few_texels(
     if refused:
         raise BakeError.of_all(refused)
     return warnings
-
-
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """A tool on its mesh.
-
-    Attributes:
-        texel: The side of a texel under it, scene units.
-    """
-
-    effect: Effect
-    part: Part
-    texel: float
-
-
-def _shown_finely(
-    job: Job,
-    plan: MeshPlan,
-    placed: _Placed,
-    neighbours: Neighbours,
-    options: MapOptions,
-    how: SamplingOptions,
-    texcoords: TexCoords,
-) -> Iterator[tuple[int | None, list[Shown]]]:
-    """The shapes of a tool with the number of each material that shows them."""
-    effect, part, texel = placed.effect, placed.part, placed.texel
-    region, side = part.attached.regions[0], options.size * options.supersample
-    samples = region.span / region.intervals / texel * options.supersample
-    fine, own = plan_finely(job, plan.rig.node, part.attached.tool, neighbours, how, most_edges=samples)
-    relief = Relief.of(own, fine.fine)
-    for layout in layouts_of(job.document, fine, texcoords):
-        textured = layout.textured(fine, side)
-        faces = np.flatnonzero(relief.covers(textured.triangles))
-        yield layout.material, _shown(effect, relief, textured, layout.uvs, faces, options)
 
 
 def _made(

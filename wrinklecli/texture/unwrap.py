@@ -137,15 +137,33 @@ def _unwrap(job: Job, edited: EditedDocument, wrinkled: _Wrinkled, size: int) ->
         own = surface.primitives == local
         corners = surface.corners[own] - surface.vertex_starts[local]
         primitives = meshes[mesh]["primitives"]
-        primitives[number] = _with_set(
-            edited,
-            primitives[number],
-            corners,
-            of_faces[own],
-            uvs,
-            texcoord,
-            with_tangents=_may_have_tangents(job, primitives[number]),
-        )
+        primitive = primitives[number]
+        attributes, has_frames = dict(primitive["attributes"]), _may_have_tangents(job, primitive)
+        # Its vertices keep their order; those that need several coordinates are repeated behind them.
+        count = len(edited.source.stored(attributes["POSITION"]))
+        pairs, which = np.unique(corners * len(uvs) + of_faces[own], return_inverse=True)
+        vertices, coordinates = np.divmod(pairs, len(uvs))
+        again = np.diff(vertices, prepend=-1) == 0
+        made = primitive
+        if again.any():
+            order = np.concatenate([np.flatnonzero(~again), np.flatnonzero(again)])
+            ranks = np.argsort(order)
+            vertices, coordinates, corners = vertices[order], coordinates[order], ranks[which].reshape(-1, 3)
+            divided = DividedPrimitive(edited, primitive)
+            made = divided.take(vertices, corners, range(len(primitive.get("targets", []))))
+            of_vertices = uvs[coordinates]
+        else:
+            of_vertices = np.tile(uvs[-1], (count, 1))
+            of_vertices[vertices] = uvs[coordinates]
+            vertices = np.arange(count)
+        added = edited.add(of_vertices, target=VERTEX_DATA)
+        # Sets before it that the primitive lacks are the same.
+        made["attributes"] |= {f"TEXCOORD_{each}": added for each in range(_sets(primitive), texcoord + 1)}
+        if has_frames:
+            positions, normals = (edited.source.accessor(attributes[name])[vertices] for name in ("POSITION", "NORMAL"))
+            tangents = _tangents(positions, unit(normals), of_vertices.astype(np.float64), corners)
+            made["attributes"]["TANGENT"] = edited.add(tangents.astype(np.float32), target=VERTEX_DATA)
+        primitives[number] = made
     return texcoord
 
 
@@ -243,55 +261,6 @@ def _charts(wrinkled: _Wrinkled, frames: Floats, size: int) -> tuple[Ints, Float
         uvs.append(found * (sides / max(sides.max(), 1) * (size - _FLAT) / size))
         count += len(found)
     return ids, np.concatenate(uvs)
-
-
-def _with_set(
-    edited: EditedDocument,
-    primitive: Json,
-    corners: Ints,
-    of_corners: Ints,
-    uvs: Floats,
-    texcoord: int,
-    *,
-    with_tangents: bool,
-) -> Json:
-    """A primitive with a further set of texture coordinates.
-
-    Its vertices keep their order; those that need several coordinates are repeated behind them.
-
-    Args:
-        edited: The document.
-        primitive: It.
-        corners: (triangles, 3) its vertices.
-        of_corners: (triangles, 3) their numbers among the coordinates.
-        uvs: (coordinates, 2) float32.
-        texcoord: The number of the set. Sets before it that the primitive lacks are the same.
-        with_tangents: Give it the tangents of the set, too.
-    """
-    attributes = primitive["attributes"]
-    count = len(edited.source.stored(attributes["POSITION"]))
-    pairs, which = np.unique(corners * len(uvs) + of_corners, return_inverse=True)
-    vertices, coordinates = np.divmod(pairs, len(uvs))
-    again = np.diff(vertices, prepend=-1) == 0
-    made = primitive
-    if again.any():
-        order = np.concatenate([np.flatnonzero(~again), np.flatnonzero(again)])
-        ranks = np.argsort(order)
-        vertices, coordinates, corners = vertices[order], coordinates[order], ranks[which].reshape(-1, 3)
-        divided = DividedPrimitive(edited, primitive)
-        made = divided.take(vertices, corners, range(len(primitive.get("targets", []))))
-        of_vertices = uvs[coordinates]
-    else:
-        of_vertices = np.tile(uvs[-1], (count, 1))
-        of_vertices[vertices] = uvs[coordinates]
-        vertices = np.arange(count)
-    added = edited.add(of_vertices, target=VERTEX_DATA)
-    made["attributes"] |= {f"TEXCOORD_{number}": added for number in range(_sets(primitive), texcoord + 1)}
-    if with_tangents:
-        positions, normals = (edited.source.accessor(attributes[name])[vertices] for name in ("POSITION", "NORMAL"))
-        tangents = _tangents(positions, unit(normals), of_vertices.astype(np.float64), corners)
-        made["attributes"]["TANGENT"] = edited.add(tangents.astype(np.float32), target=VERTEX_DATA)
-    return made
 
 
 def _tangents(positions: Floats, normals: Floats, uvs: Floats, triangles: Ints) -> Floats:

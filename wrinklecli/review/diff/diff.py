@@ -152,8 +152,32 @@ def diff(
         if _have_same_content(first, second):
             return Comparison((), None, None, 0, None, None)
         # Malformed primitives, which a bake passes through unread, are compared in the documents only.
-        scenes = _read_scene(first, whole=options.posed), _read_scene(second, whole=options.posed)
-        return _compare((first, second), scenes, options, progress)
+        one, other = (_read_scene(each, whole=options.posed) for each in (first, second))
+        boxes = [_stored_bounds(scene) for scene in (one, other)]
+        size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
+        limit = options.tolerance.resolve(size)
+        if options.tolerance.percent:
+            limit = max(limit, ROUNDINGS * max(float(np.abs(box).max()) for box in boxes))
+        # Without positions only other numbers are compared.
+        ratio = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
+        found: list[Difference] = []
+        if not options.posed:
+            nodes, unpaired = pair_nodes(first, second)
+            sides = Sides.of(first, second, Limits(limit or ratio, ratio, _scales(one)), nodes)
+            found += [*unpaired, *document_differences(sides, clips=options.clips)]
+            # Nodes that the documents pair are in one order.
+            order = {j: i for i, j in nodes.items()}
+            other = replace(
+                other, primitives=tuple(sorted(other.primitives, key=lambda each: order.get(each.rig.node, math.inf)))
+            )
+        clips, of_clips = common_clips(one, other, options.clips, options.fps)
+        # The comparison of the documents has found the differences of clips too.
+        found += of_clips if options.posed else []
+        apart, differences = compare_motion(one, other, clips, limit, progress)
+        times = sum(len(common.times) for common in clips)
+        worst = max((each.worst for each in apart), key=lambda each: each.distance, default=None)
+        normal = max((each.normal for each in apart if each.normal is not None), default=None)
+        return Comparison((*found, *differences), limit, size, times, worst, normal)
 
 
 def _read(path: str | os.PathLike[str], *, allow_external: bool, memory: Memory) -> Document:
@@ -185,38 +209,6 @@ def _have_same_content(a: Document, b: Document) -> bool:
         return all(read_image(a, number)[0] == read_image(b, number)[0] for number in range(len(a.items("images"))))
     except (AssetError, TooMuchError):
         return False  # the comparison of images reports the missing file
-
-
-def _compare(
-    documents: tuple[Document, Document],
-    scenes: tuple[AnimatedScene, AnimatedScene],
-    options: DiffOptions,
-    progress: Progress,
-) -> Comparison:
-    a, b = scenes
-    boxes = [_stored_bounds(scene) for scene in scenes]
-    size = max(float(np.linalg.norm(np.ptp(box, axis=0))) for box in boxes)
-    limit = options.tolerance.resolve(size)
-    if options.tolerance.percent:
-        limit = max(limit, ROUNDINGS * max(float(np.abs(box).max()) for box in boxes))
-    # Without positions only other numbers are compared.
-    ratio = limit / size if size and limit else DEFAULT_TOLERANCE.value / 100
-    found: list[Difference] = []
-    if not options.posed:
-        nodes, unpaired = pair_nodes(*documents)
-        sides = Sides.of(*documents, Limits(limit or ratio, ratio, _scales(a)), nodes)
-        found += [*unpaired, *document_differences(sides, clips=options.clips)]
-        # Nodes that the documents pair are in one order.
-        order = {j: i for i, j in nodes.items()}
-        b = replace(b, primitives=tuple(sorted(b.primitives, key=lambda each: order.get(each.rig.node, math.inf))))
-    clips, of_clips = common_clips(a, b, options.clips, options.fps)
-    # The comparison of the documents has found the differences of clips too.
-    found += of_clips if options.posed else []
-    apart, differences = compare_motion(a, b, clips, limit, progress)
-    times = sum(len(common.times) for common in clips)
-    worst = max((each.worst for each in apart), key=lambda each: each.distance, default=None)
-    normal = max((each.normal for each in apart if each.normal is not None), default=None)
-    return Comparison((*found, *differences), limit, size, times, worst, normal)
 
 
 def _stored_bounds(scene: AnimatedScene) -> Floats:
