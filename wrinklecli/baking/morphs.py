@@ -34,7 +34,7 @@ from wrinklecli.gltf.animated import (
     pointer_of,
     without_pointer,
 )
-from wrinklecli.gltf.document import Document, stored_bytes
+from wrinklecli.gltf.document import stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.unpack import unpack
@@ -167,7 +167,10 @@ def encode_mesh(
         primitive = mesh["primitives"][refined.index]
         where = edited.source.where("meshes", rig.mesh, "primitives", refined.index)
         # Read before refined accessors take the place of the source's.
-        base = _read_base(edited.source, primitive, refined, fine, tangents=tangents)
+        normals = base_normals(edited.source, primitive, refined, fine)
+        along = base_tangents(edited.source, primitive, refined) if tangents and normals is not None else None
+        accessors = (primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT"))
+        base = _Base(normals, along, (refined.group, *accessors))
         if len(refined.new):
             refine_primitive(edited, primitive, refined, fine, where, written)
         unpack(edited, primitive)
@@ -256,15 +259,6 @@ def tangent_deltas(tangents: Floats, normals: Floats, normal_deltas: Floats) -> 
     Source: glTF 2.0 §3.7.2.2: TANGENT displacements are VEC3, handedness stays.
     """
     return np.asarray(-np.sum(tangents * normal_deltas, axis=1, keepdims=True) * normals)
-
-
-def _read_base(
-    source: Document, primitive: Json, refined: RefinedPrimitive, fine: Refinement, *, tangents: bool
-) -> _Base:
-    normals = base_normals(source, primitive, refined, fine)
-    along = base_tangents(source, primitive, refined) if tangents and normals is not None else None
-    accessors = tuple(primitive["attributes"].get(name) for name in ("NORMAL", "TANGENT"))
-    return _Base(normals, along, (refined.group, *accessors))
 
 
 def _smooth_normals(fine: Refinement, targets: Sequence[Target]) -> Floats:

@@ -211,26 +211,21 @@ def refine_primitive(
         for name, index in target.items():
             key = ("target", refined.group, number, name, index)
             if key not in written:
-                deltas = fine.morph_deltas[number] if name == "POSITION" else None
-                written[key] = _add_refined_target(edited, target, name, refined, deltas, where)
+                old = old_values(
+                    edited.source, target, name, refined, size=3 if name in _VECTORS else None, where=where
+                )
+                placed = name == "POSITION"
+                new = fine.morph_deltas[number][refined.new_weld] if placed else refined.mix(old)
+                values = np.concatenate([old, new])
+                written[key] = edited.add_deltas(
+                    np.arange(len(values)), values, count=len(values), bounds=placed, replaces=index
+                )
             target[name] = written[key]
     if refined.changed or "indices" not in primitive:
         if primitive.get("mode", TRIANGLES) != TRIANGLES:
             del primitive["mode"]
         indices = refined.triangles.reshape(-1).astype(index_type(len(refined.weld)))
         primitive["indices"] = edited.add(indices, target=INDEX_DATA, replaces=primitive.get("indices"))
-
-
-def _add_refined_target(
-    edited: EditedDocument, target: Json, name: str, refined: RefinedPrimitive, deltas: Floats | None, where: str
-) -> int:
-    """Write an old morph target's attribute; new vertices are mixed, or have (fine vertices, 3) deltas."""
-    size = 3 if name in _VECTORS else None
-    old = old_values(edited.source, target, name, refined, size=size, where=where)
-    new = refined.mix(old) if deltas is None else deltas[refined.new_weld]
-    values = np.concatenate([old, new])
-    vertices = np.arange(len(values))
-    return edited.add_deltas(vertices, values, count=len(values), bounds=name == "POSITION", replaces=target[name])
 
 
 def old_values(

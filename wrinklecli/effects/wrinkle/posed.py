@@ -116,7 +116,18 @@ def _posed_at_once(
     patch: Patch, ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats, amplitudes: Floats
 ) -> Floats:
     """`posed_displacements` of few frames. Inside, frames are the last axis and x, y, z the first."""
-    blended, positions, normals = _posed_ring(ring, fine, rig, clip, times)
+    # Around the members: (3, 4, around, frames) blended matrices, (3, around, frames) world positions and unit normals.
+    matrices = joint_matrices(rig, clip, times, ring.joints)
+    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 1, 0)))
+    bind = fine.positions[ring.vertices].T[:, :, None]
+    if len(fine.morph_deltas):
+        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
+        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
+    positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
+    a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
+    outward = orientations(matrices, ring.weights.sum(axis=0))
+    faces = cross(b - a, c - a)
+    normals = outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
     locate = _along_curves if isinstance(patch.path, Curve) else _along_segments
     u, v, cosines, exists = locate(patch, ring, positions, normals)
     normals = normals[:, ring.members]
@@ -128,23 +139,6 @@ def _posed_at_once(
     moved = np.zeros((len(times), len(ring.members), 3))
     moved[frames, members] = np.einsum("vij,vj->vi", inverses(linear), pushed)
     return moved
-
-
-def _posed_ring(
-    ring: Ring, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """(3, 4, around, frames) blended matrices, (3, around, frames) world positions, and unit normals."""
-    matrices = joint_matrices(rig, clip, times, ring.joints)
-    blended = np.matmul(ring.weights, np.ascontiguousarray(matrices[:, :, :3].transpose(2, 3, 1, 0)))
-    bind = fine.positions[ring.vertices].T[:, :, None]
-    if len(fine.morph_deltas):
-        deltas = fine.morph_deltas[:, ring.vertices].transpose(2, 1, 0)
-        bind = bind + np.matmul(deltas, morph_weights(rig, clip, times).T)
-    positions = np.sum(blended[:, :3] * bind, axis=1) + blended[:, 3]
-    a, b, c = (positions[:, ring.triangles[:, k]] for k in range(3))
-    outward = orientations(matrices, ring.weights.sum(axis=0))
-    faces = cross(b - a, c - a)
-    return blended, positions, outward * _units(np.stack([np.asarray(ring.sums @ each) for each in faces]))
 
 
 def _at_knots(ring: Ring, vectors: Floats) -> Floats:

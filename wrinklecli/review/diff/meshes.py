@@ -78,7 +78,19 @@ def _primitive_differences(sides: Sides, first: Json, second: Json, place: Place
     )
     at = (*place, "attributes")
     yield from _attribute_differences(sides, attributes_a, attributes_b, at, name=name, scale=mesh.scale)
-    yield from _triangle_differences(sides, first, second, place, counts[0], name)
+    at = (*place, "indices")
+    ours, theirs = (
+        decoded(document, primitive["indices"]) if "indices" in primitive else np.arange(counts[0])
+        for document, primitive in ((sides.a, first), (sides.b, second))
+    )
+    if ours is None or theirs is None:
+        yield from unreadable_differences(sides, first.get("indices"), second.get("indices"), at, name=name)
+    elif len(ours) != len(theirs):
+        yield differ("geometry", at, f"{len(ours)} -> {len(theirs)} indices", name=name)
+    elif (off := ours != theirs).any():
+        number = int(off.argmax())
+        message = f"index {number}: {ours[number]} -> {theirs[number]}{count_that_differ(int(off.sum()), len(off))}"
+        yield differ("geometry", at, message, name=name)
     for number, (one, other) in enumerate(zip(*targets, strict=False)):
         known = f"{name}, {mesh.targets[number]}" if isinstance(name, str) and number < len(mesh.targets) else name
         at = (*place, "targets", number)
@@ -96,25 +108,6 @@ def _attribute_differences(
         side, only = ("A", decoded(sides.a, first[key])) if key in first else ("B", decoded(sides.b, second[key]))
         if not (idle and only is not None and not only.any()):
             yield differ("structure", (*place, key), f"only in {side}", name=name)
-
-
-def _triangle_differences(
-    sides: Sides, first: Json, second: Json, place: Place, count: int, name: object
-) -> Iterator[Difference]:
-    """Compare the indices of primitives with `count` vertices."""
-    at: Place = (*place, "indices")
-    one, other = (
-        decoded(document, primitive["indices"]) if "indices" in primitive else np.arange(count)
-        for document, primitive in ((sides.a, first), (sides.b, second))
-    )
-    if one is None or other is None:
-        yield from unreadable_differences(sides, first.get("indices"), second.get("indices"), at, name=name)
-    elif len(one) != len(other):
-        yield differ("geometry", at, f"{len(one)} -> {len(other)} indices", name=name)
-    elif (off := one != other).any():
-        number = int(off.argmax())
-        message = f"index {number}: {one[number]} -> {other[number]}{count_that_differ(int(off.sum()), len(off))}"
-        yield differ("geometry", at, message, name=name)
 
 
 def image_differences(sides: Sides, i: int, j: int) -> Findings:

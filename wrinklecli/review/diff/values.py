@@ -167,8 +167,25 @@ def accessor_differences(
     one, other = decoded(sides.a, i), decoded(sides.b, j)
     if one is None or other is None:
         yield from unreadable_differences(sides, i, j, place, name=name)
-    else:
-        yield from _array_differences(one, other, place, sides.limits, name=name, scale=scale)
+        return
+    if one.shape != other.shape:
+        shapes = " -> ".join("×".join(map(str, each.shape)) for each in (one, other))
+        yield differ("geometry", place, f"{shapes} numbers", name=name)
+        return
+    is_place = place[-1] == "POSITION"
+    apart = gaps(one, other)
+    apart = apart if apart.ndim == 1 else np.linalg.norm(apart, axis=1) if is_place else apart.max(axis=1)
+    whole = one.dtype.kind in "iu" and other.dtype.kind in "iu"
+    limit: Any = 0 if whole else sides.limits.ratio * np.maximum(1.0, _most(one))
+    if is_place:
+        apart, limit = apart * scale, sides.limits.length
+    off = apart > limit
+    if off.any():
+        vertex = int(np.argmax(np.where(off, apart, -1.0)))
+        worst = float(apart[vertex])
+        what = f"vertex {vertex} is {worst:.3g} off" if is_place else f"vertex {vertex} differs by {worst:.3g}"
+        message = f"{what}{count_that_differ(int(off.sum()), len(apart))}"
+        yield differ("geometry", place, message, name=name, distance=worst if is_place else None)
 
 
 def unreadable_differences(
@@ -194,30 +211,6 @@ def _stored(document: Document, index: Any) -> tuple[Any, bytes | None]:
     except AssetError:
         data = None
     return {key: value for key, value in accessor.items() if key not in _STORAGE}, data
-
-
-def _array_differences(
-    one: Array, other: Array, place: Place, limits: Limits, *, name: object, scale: float = 1.0
-) -> Iterator[Difference]:
-    """Compare the elements of two accessors, as `accessor_differences` does."""
-    if one.shape != other.shape:
-        shapes = " -> ".join("×".join(map(str, each.shape)) for each in (one, other))
-        yield differ("geometry", place, f"{shapes} numbers", name=name)
-        return
-    is_place = place[-1] == "POSITION"
-    apart = gaps(one, other)
-    apart = apart if apart.ndim == 1 else np.linalg.norm(apart, axis=1) if is_place else apart.max(axis=1)
-    whole = one.dtype.kind in "iu" and other.dtype.kind in "iu"
-    limit: Any = 0 if whole else limits.ratio * np.maximum(1.0, _most(one))
-    if is_place:
-        apart, limit = apart * scale, limits.length
-    off = apart > limit
-    if off.any():
-        vertex = int(np.argmax(np.where(off, apart, -1.0)))
-        worst = float(apart[vertex])
-        what = f"vertex {vertex} is {worst:.3g} off" if is_place else f"vertex {vertex} differs by {worst:.3g}"
-        message = f"{what}{count_that_differ(int(off.sum()), len(apart))}"
-        yield differ("geometry", place, message, name=name, distance=worst if is_place else None)
 
 
 def property_gaps(path: str, first: Floats, second: Floats, limits: Limits) -> Floats:

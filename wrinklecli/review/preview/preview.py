@@ -98,7 +98,18 @@ def preview(
         animated = kind != "png"
         if options.grid and not animated and not options.names_a_moment:
             options = replace(options, rest=True)
-        joined = _read_assets(assets, path, options, written)
+        written.claim(path)
+        written.protect([*assets, *options.anims, *with_files_beside([] if options.tools is None else [options.tools])])
+        memory = Memory(options.max_memory)
+        documents = [read_document(each, allow_external=options.allow_external, memory=memory) for each in assets]
+        range_of_motion = False if options.rest else options.range_of_motion or None
+        motions = Motions(options.anims, range_of_motion, options.pose, options.morphs)
+        joined: list[Moved] = []
+        for document in documents:
+            joined.append(moved(document, deforming_nodes(document), motions, driven=wrinkle_targets(document)))
+            written.protect([*files_of(document), *joined[-1].beside])
+            # The second asset is shown in the same motions.
+            motions = replace(motions, range_of_motion=bool(joined[0].range))
         documents = [each.document for each in joined]
         planned, notes = _planned(documents[0], options)
         warnings = [*joined[0].warnings, *(() if planned is None else planned.warnings)]
@@ -136,25 +147,6 @@ def refuse_missing(command: str = "preview") -> None:
         raise WrinkleError(
             f"pictures need Pillow and embreex ({error}): pip install 'wrinklecli[{command}]'", where=command
         ) from error
-
-
-def _read_assets(
-    assets: Sequence[str | os.PathLike[str]], out: str, options: PreviewOptions, outputs: Outputs
-) -> list[Moved]:
-    """Read assets and their motions, and protect all files that are read."""
-    outputs.claim(out)
-    outputs.protect([*assets, *options.anims, *with_files_beside([] if options.tools is None else [options.tools])])
-    memory = Memory(options.max_memory)
-    documents = [read_document(each, allow_external=options.allow_external, memory=memory) for each in assets]
-    range_of_motion = False if options.rest else options.range_of_motion or None
-    motions = Motions(options.anims, range_of_motion, options.pose, options.morphs)
-    joined: list[Moved] = []
-    for document in documents:
-        joined.append(moved(document, deforming_nodes(document), motions, driven=wrinkle_targets(document)))
-        outputs.protect([*files_of(document), *joined[-1].beside])
-        # The second asset is shown in the same motions.
-        motions = replace(motions, range_of_motion=bool(joined[0].range))
-    return joined
 
 
 def with_motions(options: PreviewOptions, joined: Moved, *, animated: bool) -> PreviewOptions:
