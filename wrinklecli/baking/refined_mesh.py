@@ -275,7 +275,16 @@ def _refined_attribute(
         return refined.tangents(old).astype(np.float32), False
     kind, _, number = name.partition("_")
     if kind in ("JOINTS", "WEIGHTS") and number.isdecimal() and len(number) < 4 and old.shape[1:] == (4,):
-        return _refined_influences(source, attributes, name, old, refined, fine), False
+        # Values of new vertices are pruned; they do not use sets that other primitives lack.
+        pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
+        new = pruned[refined.new_weld - len(fine.surface.positions), 4 * int(number) : 4 * int(number) + 4]
+        if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
+            old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
+        values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
+        if kind == "WEIGHTS":
+            return values.astype(np.float32), False
+        small = int(values.max(initial=0)) < 256 and old.dtype.itemsize == 1
+        return values.astype("<u1" if small else "<u2"), False
     stored = source.stored_dtype(index)
     if stored.kind == "f":
         return np.concatenate([old, refined.mix(old)]).astype(np.float32), False
@@ -286,22 +295,3 @@ def _refined_attribute(
         return np.rint(np.concatenate([old, refined.mix(old)])).astype(stored), False
     # Plain integers are names of something, such as feature ids, and cannot be mixed.
     return np.concatenate([old, old[refined.heaviest()]]).astype(stored), False
-
-
-def _refined_influences(
-    source: Document, attributes: Json, name: str, old: Array, refined: RefinedPrimitive, fine: Refinement
-) -> Array:
-    """(vertices, 4) values of JOINTS_n or WEIGHTS_n, pruned for new vertices."""
-    kind, _, number = name.partition("_")
-    pruned = fine.joints_pruned if kind == "JOINTS" else fine.weights_pruned
-    new = pruned[refined.new_weld - len(fine.surface.positions), 4 * int(number) : 4 * int(number) + 4]
-    if kind == "JOINTS" and f"WEIGHTS_{number}" in attributes:
-        old = used_joints(old, source.accessor(attributes[f"WEIGHTS_{number}"]), name)
-    # New vertices do not use sets that other primitives lack.
-    values = np.concatenate([old, np.pad(new, ((0, 0), (0, 4 - new.shape[1])))])
-    return values.astype(_smallest_joint_type(old, values) if kind == "JOINTS" else np.float32)
-
-
-def _smallest_joint_type(old: Array, new: Array) -> np.dtype[Any]:
-    most = max(int(old.max(initial=0)), int(new.max(initial=0)))
-    return np.dtype("<u1") if most < 256 and old.dtype.itemsize == 1 else np.dtype("<u2")

@@ -75,7 +75,18 @@ def check(
     if crossings:
         if plot is not None:
             raise click.UsageError("'--plot' draws tools: it goes without '--crossings'.")
-        _emit_crossings(asset, tools, as_json=as_json, progress=progress, strict=strict, **options)
+        from wrinklecli.review.crossings import crossings as count_crossings
+
+        with Progress(lines=progress) as shown:
+            found = count_crossings(asset, tools, progress=shown.show, **options)
+        if as_json:
+            emit_json(found.data)
+        else:
+            _emit_counts(found.data)
+            for warning in found.warnings:
+                warn(warning)
+        if strict:
+            refuse_warnings(found.warnings, where=tools or asset, shown=True)
         return
     if tools is None:
         raise click.UsageError("Missing argument 'TOOLS'; '--crossings' alone goes without.")
@@ -136,24 +147,6 @@ def _emit_tables(data: dict[str, Any], *, verbose: bool) -> None:
 
 def _emit_warning(warning: str) -> None:
     emit(f"warning: {warning}", style={"fg": "yellow"})
-
-
-def _emit_crossings(
-    asset: str, tools: str | None, *, as_json: bool, progress: bool, strict: bool, **options: Any
-) -> None:
-    """Count what crosses, and print it."""
-    from wrinklecli.review.crossings import crossings
-
-    with Progress(lines=progress) as shown:
-        found = crossings(asset, tools, progress=shown.show, **options)
-    if as_json:
-        emit_json(found.data)
-    else:
-        _emit_counts(found.data)
-        for warning in found.warnings:
-            warn(warning)
-    if strict:
-        refuse_warnings(found.warnings, where=tools or asset, shown=True)
 
 
 def _emit_counts(data: dict[str, Any]) -> None:

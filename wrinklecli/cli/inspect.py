@@ -183,25 +183,36 @@ def _unplayed(channels: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 def _wrinkles(each: dict[str, Any]) -> list[str]:
     lines = ["a draft: neither proven nor fully refined"] if each["draft"] else []
-    for region in each.get("flesh", ()):
-        springs = ", ".join(f"{frequency:.3g}" for frequency in region["frequencies"])
-        lines.append(f"{region['name']}: swings after {region['joint']} by springs of {springs} Hz")
-        lines.append(f"  {counted(len(region['targets']), 'target')}: {', '.join(region['targets'])}")
-    for touch in each.get("touches", ()):
-        where = f"{counted(touch['directions'], 'direction')} of rings" if touch["directions"] else "no rings"
-        lines.append(
-            f"{touch['name']}: skin on {' + '.join(touch['joints'])} slides by up to {touch['grip']:.3g}, {where}"
-        )
-        lines.append(f"  {counted(len(touch['targets']), 'target')}: {', '.join(touch['targets'])}")
-    for field in each.get("fields", ()):
-        turns = [f"{turn['joint']} by {turn['degrees'][0]:.4g} to {turn['degrees'][1]:.4g}°" for turn in field["turns"]]
-        lines.append(f"{field['name']}: folds as joints turn: {', '.join(turns)}")
-        lines.append(f"  {counted(len(field['targets']), 'target')}: {', '.join(field['targets'])}")
-    for tool in (*each.get("muscles", ()), *each["tools"]):
-        anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
-        joints = " to ".join(" + ".join(each) for each in anchors)
-        lines.append(f"{tool['name']}: {joints}, rest length {tool['rest_length']:.4g}")
-        lines.append(f"  {counted(len(tool['targets']), 'target')}: {', '.join(tool['targets'])}")
+    for kind, acts in _ACTS.items():
+        for effect in each.get(kind, ()):
+            targets = effect["targets"]
+            lines.append(f"{effect['name']}: {acts(effect)}")
+            lines.append(f"  {counted(len(targets), 'target')}: {', '.join(targets)}")
     if each["undriven"]:
         lines.append(f"without a tool: {', '.join(each['undriven'])}")
     return lines
+
+
+def _swings(region: dict[str, Any]) -> str:
+    springs = ", ".join(f"{frequency:.3g}" for frequency in region["frequencies"])
+    return f"swings after {region['joint']} by springs of {springs} Hz"
+
+
+def _slides(touch: dict[str, Any]) -> str:
+    where = f"{counted(touch['directions'], 'direction')} of rings" if touch["directions"] else "no rings"
+    return f"skin on {' + '.join(touch['joints'])} slides by up to {touch['grip']:.3g}, {where}"
+
+
+def _folds(field: dict[str, Any]) -> str:
+    turns = [f"{turn['joint']} by {turn['degrees'][0]:.4g} to {turn['degrees'][1]:.4g}°" for turn in field["turns"]]
+    return f"folds as joints turn: {', '.join(turns)}"
+
+
+def _spans(tool: dict[str, Any]) -> str:
+    anchors = [tool["origin_joints"], *tool.get("between_joints", []), tool["target_joints"]]
+    joints = " to ".join(" + ".join(each) for each in anchors)
+    return f"{joints}, rest length {tool['rest_length']:.4g}"
+
+
+# What effects of each kind do, in the order of the lines.
+_ACTS = {"flesh": _swings, "touches": _slides, "fields": _folds, "muscles": _spans, "tools": _spans}

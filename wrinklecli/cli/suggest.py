@@ -211,15 +211,11 @@ def _json_tool(each: "Suggestion") -> dict[str, Any]:
         "place": each.words_of_both,
         "driver": each.driver,
         "driver_kind": "morph target" if each.by_morph else "joint",
-        "clip": each.clip,
-        "time": _short(each.time),
-        "span": _short(each.span),
+        **_measured(each, "clip", "time", "span"),
         "shortest": _short(each.clips[each.clip]),
         "shortening": _short(each.shortening),
         "clips": {name: _short(length) if math.isfinite(length) else None for name, length in each.clips.items()},
-        "score": _short(each.score),
-        "height": _short(each.height),
-        "gpu_bytes": each.gpu_bytes,
+        **_measured(each, "score", "height", "gpu_bytes"),
         **_json_score(each.judgement),
         "substance": None if each.substance is None else each.substance.kind,
         "why": None if each.substance is None else each.substance.why,
@@ -235,24 +231,18 @@ def _json_score(judgement: "Score | None") -> dict[str, Any]:
 
 
 def _json_field(each: "SuggestedField") -> dict[str, Any]:
-    field = each.field
     return {
-        "name": field.name,
-        "node": field.node,
-        "material": field.material,
-        "substance": field.substance,
-        "joints": field.joints,
-        "strength": field.strength,
-        "mesh": each.mesh,
-        "why": each.why,
-        "clip": each.clip,
-        "time": _short(each.time),
-        "height": _short(each.height),
-        "wavelength": _short(each.wavelength),
-        "targets": each.targets,
-        "gpu_bytes": each.gpu_bytes,
+        **_measured(each.field, "name", "node", "material", "substance", "joints"),
+        "strength": each.field.strength,
+        **_measured(each, "mesh", "why", "clip", "time", "height", "wavelength", "targets", "gpu_bytes"),
         **_json_score(each.judgement),
     }
+
+
+def _measured(record: Any, *names: str) -> dict[str, Any]:
+    """Some values of a record by their names."""
+    found = {name: getattr(record, name) for name in names}
+    return {name: _short(value) if isinstance(value, float) else value for name, value in found.items()}
 
 
 def _short(value: float) -> float:

@@ -126,8 +126,17 @@ def read_mask(tool: WrinkleTool | Flesh | Touch | Field, ground: Ground, members
         return None
     primitives = distinct_values(ground.surface.primitives[members])
     if isinstance(tool.mask, MaskAttribute):
-        painted = _attribute(ground, primitives, tool.mask.name, tool.place("mask", "attribute"))
-        return Mask(_component(tool, tool.mask, painted, distinct_values(ground.surface.corners[members])), None)
+        mask, where = tool.mask, tool.place("mask", "attribute")
+        painted = _attribute(ground, primitives, mask.name, where)
+        if mask.component >= painted.shape[1]:
+            message = f"{mask.name} has {painted.shape[1]} components: there is no {mask.attribute[-1]}"
+            raise BakeError(message, where=where)
+        chosen = painted[:, mask.component, None]
+        used = chosen[distinct_values(ground.surface.corners[members])]
+        low, high = float(used.min()), float(used.max())
+        if low < -_ROUNDING or high > 1.0 + _ROUNDING:
+            raise BakeError(f"{mask.attribute} is {low:g} to {high:g} under the tool, expected 0 to 1", where=where)
+        return Mask(np.clip(chosen, 0.0, 1.0), None)
     coordinates = mask_coordinates(tool, tool.mask, ground, members)
     return Mask(coordinates, _image(tool.mask, ground, tool.place("mask", "image")))
 
@@ -171,21 +180,6 @@ def _attribute(ground: Ground, primitives: Ints, name: str, where: str) -> Float
     for number, values in parts.items():
         painted[surface.vertex_starts[number] : surface.vertex_starts[number + 1]] = values[:, : painted.shape[1]]
     return painted
-
-
-def _component(
-    tool: WrinkleTool | Flesh | Touch | Field, mask: MaskAttribute, painted: Floats, corners: Ints
-) -> Floats:
-    """(glTF vertices, 1) one component, checked at the `corners` of the tool."""
-    where = tool.place("mask", "attribute")
-    if mask.component >= painted.shape[1]:
-        raise BakeError(f"{mask.name} has {painted.shape[1]} components: there is no {mask.attribute[-1]}", where=where)
-    chosen = painted[:, mask.component, None]
-    used = chosen[corners]
-    low, high = float(used.min()), float(used.max())
-    if low < -_ROUNDING or high > 1.0 + _ROUNDING:
-        raise BakeError(f"{mask.attribute} is {low:g} to {high:g} under the tool, expected 0 to 1", where=where)
-    return np.clip(chosen, 0.0, 1.0)
 
 
 def _image(mask: MaskImage, ground: Ground, where: str) -> Array:

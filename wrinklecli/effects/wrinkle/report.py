@@ -8,9 +8,11 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
+from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, children, significant
 from wrinklecli.surface.anchor import Anchor
+from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.records import in_axes
 
@@ -28,11 +30,18 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
         "anchor_distances": [anchor.distance for anchor in patch.anchors],
         "moved_vertices": len(carried.vertices),
         "stuck_vertices": carried.stuck,
+        **_describe_surface(patch, fine, region),
+        "targets": list(targets),
+    }
+
+
+def _describe_surface(patch: Patch, fine: Refinement, region: int) -> Json:
+    """What its mask leaves of a tool, and what refinement does to the surface under it."""
+    return {
         **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
         "scheme": fine.schemes[region],
         "hard_edges": significant(fine.hard_shares[region]),
         "departure": significant(fine.departures[region]),
-        "targets": list(targets),
     }
 
 
@@ -97,10 +106,7 @@ def describe_place(plan: MeshPlan, carried: CarriedPatch, region: int, up: str) 
         "edges_split": int((members >= len(fine.surface.positions)).sum()),
         "moved_vertices": len(carried.vertices),
         **({} if patch.reach is None else {"left_by_features": significant(carried.left_by_features(fine))}),
-        **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
-        "scheme": fine.schemes[region],
-        "hard_edges": significant(fine.hard_shares[region]),
-        "departure": significant(fine.departures[region]),
+        **_describe_surface(patch, fine, region),
     }
 
 
