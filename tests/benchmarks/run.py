@@ -62,8 +62,8 @@ from wrinklecli.effects.effect import MeshPlan  # noqa: E402
 from wrinklecli.effects.plan import plan_mesh  # noqa: E402
 from wrinklecli.effects.wrinkle.activity import curve_drive  # noqa: E402
 from wrinklecli.effects.wrinkle.bending import rising  # noqa: E402
+from wrinklecli.effects.wrinkle.effect import shapes_of  # noqa: E402
 from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
-from wrinklecli.effects.wrinkle.shapes import shapes_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402

@@ -17,8 +17,8 @@ from wrinklecli.character.pose import Pose, blend, pose_at, transform
 from wrinklecli.effects.shapes import DisplacedNormals, Sample, make_shapes, summed_middles, turn_to
 from wrinklecli.effects.wrinkle.activity import activity
 from wrinklecli.effects.wrinkle.bending import Risen, rising
+from wrinklecli.effects.wrinkle.effect import shapes_of
 from wrinklecli.effects.wrinkle.lookup import weights_of
-from wrinklecli.effects.wrinkle.shapes import shapes_of
 from wrinklecli.numeric.arrays import vertex_normals
 from wrinklecli.surface.rest import carried_normals
 

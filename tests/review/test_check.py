@@ -27,7 +27,7 @@ from kit.places import ROOT
 from kit.player import Json
 from kit.samples import BACK, PALM, sample
 from kit.sheet import REACH, arc, line, sheet
-from wrinklecli.effects.wrinkle import placement
+from wrinklecli.effects.wrinkle import warnings as tool_warnings
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric import rays
@@ -355,7 +355,7 @@ def test_collisions_are_the_same_in_small_portions_and_found_among_fewer_vertice
     assert len(whole) == 1
     monkeypatch.setattr(rays, "portions_of", lambda widths: [slice(k, k + 1) for k in range(len(widths))])
     assert warnings(asset, across(), about="opposite surface") == whole
-    monkeypatch.setattr(placement, "_MOST_PAIRS", 500)
+    monkeypatch.setattr(tool_warnings, "_MOST_PAIRS", 500)
     thinned = warnings(asset, across(), about="opposite surface")
     assert len(thinned) == 1
     assert thinned != whole

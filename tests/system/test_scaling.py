@@ -25,7 +25,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.baking.track import track
 from wrinklecli.character import contacts, rig, scene
 from wrinklecli.character.skin import SkinnedMesh
-from wrinklecli.effects.wrinkle import placement, warnings
+from wrinklecli.effects.wrinkle import warnings
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review import check as check_module
 from wrinklecli.review.check import check
@@ -195,13 +195,13 @@ def test_proof_holds_of_each_target_what_it_moves(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.slow
 def test_a_tool_compares_its_wrinkles_with_what_is_near(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    near, found = placement.meets_box, []
+    near, found = warnings.meets_box, []
 
     def counting(*arguments: Any, **options: Any) -> Any:
         found.append(near(*arguments, **options))
         return found[-1]
 
-    monkeypatch.setattr(placement, "meets_box", counting)
+    monkeypatch.setattr(warnings, "meets_box", counting)
     check(*write_tube(tmp_path, 12))
     assert found
     assert max(each.mean() for each in found) < 1 / 4

@@ -14,8 +14,7 @@ from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, Sampli
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, curve_drive
-from wrinklecli.effects.wrinkle.attach import attach_tools
-from wrinklecli.effects.wrinkle.bounds import bounded
+from wrinklecli.effects.wrinkle.attach import attach_tools, bounded
 from wrinklecli.effects.wrinkle.carry import CarriedPatch, carry, displacements
 from wrinklecli.effects.wrinkle.creases import creased, faded
 from wrinklecli.effects.wrinkle.demand import demanding
