@@ -36,11 +36,12 @@ sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
+from rows import readme_with  # noqa: E402
 
 from kit.asset import Asset, Json  # noqa: E402
 from kit.characters import CHARACTERS  # noqa: E402
 from kit.folds import FOLDS  # noqa: E402
-from kit.limb import limb_asset, nose, sleeved_limb  # noqa: E402
+from kit.limb import limb_asset, nose, sleeved_limb, waving_limb  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.looked_up import lookup_gaps  # noqa: E402
 from kit.player import Gltf  # noqa: E402
@@ -51,7 +52,7 @@ from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 
 RESULTS, README = HERE / "contact.csv", HERE / "README.md"
-_BEGIN, _END = "<!-- From contact.csv, by `contact_table.py --readme`. -->", "<!-- The end of contact's table. -->"
+_MARKERS = "<!-- From contact.csv, by `contact_table.py --readme`. -->", "<!-- The end of contact's table. -->"
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,9 @@ class Case:
         asset: Gives the asset, or its file.
         tools: The tools over the folds.
         node: The node whose mesh they are on.
-        clip: The clip to bake.
+        clip: The clip to look at.
         top: Other keys of the tools file.
+        alone: True to bake the clip alone.
     """
 
     what: str
@@ -73,6 +75,7 @@ class Case:
     node: str
     clip: str
     top: Mapping[str, Any]
+    alone: bool = True
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,11 @@ def cases(assets: Path | None) -> dict[str, Case]:
         ("sleeve", "tube in a sleeve, 45°", partial(sleeved_limb, gap=0.05, rings=24, sides=16, angle=45)),
     ):
         found[name] = Case(what, build, [crease], "limb", "fold", COARSE)
+    waving = partial(waving_limb, 20, rings=30, sides=20)
+    top = {"sampling": {"fps": 15}}
+    found["elbow_off_axis"] = Case(
+        "tube, 20 clips about other axes", waving, [crease], "limb", "wave_5", top, alone=False
+    )
     bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
     found["nose"] = Case("nose beneath glasses", nose, [bridge], "skin", "sneer", COARSE)
     for name, what, mesh, clip, tools in FIGURES:
@@ -228,7 +236,8 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
             "tools": [{"node": case.node, **each, "contact": contact} for each in case.tools],
         }
         tools.write_text(json.dumps(settings), encoding="utf-8")
-        command = ["bake", asset, tools, "-o", out, "-q", "--clip", case.clip, "--report", report]
+        command = ["bake", asset, tools, "-o", out, "-q", "--report", report]
+        command += ["--clip", case.clip] if case.alone else []
         load = os.getloadavg()[0]
         times_taken.append(seconds_of(program, command))
         reports.append(json.loads(report.read_text(encoding="utf-8")))
@@ -255,7 +264,7 @@ def measured(state: str, name: str, case: Case, program: Path, folder: Path) -> 
 
 def seconds_of(program: Path, command: Iterable[str | Path]) -> tuple[float, float]:
     """Seconds of the processor and of the clock that a command of the program takes, with all that it starts."""
-    code = "from wrinklecli.cli import main; main()"
+    code = "import sys; from wrinklecli.cli import main; sys.exit(main())"
     environment = {**os.environ, "PYTHONPATH": str(program)}
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     subprocess.run([sys.executable, "-c", code, *map(str, command)], env=environment, cwd=program, check=True)
@@ -319,19 +328,10 @@ def _marked(text: str, held: bool) -> str:
     return text if held else f"**{text}**"
 
 
-def readme_with(page: str, table: str) -> str:
-    """Put the table into README's text, between its two markers."""
-    before, _, rest = page.partition(_BEGIN)
-    _, found, after = rest.partition(_END)
-    if not found:
-        raise ValueError(f"README.md lacks {_BEGIN} and {_END}")
-    return f"{before}{_BEGIN}\n{table}\n{_END}{after}"
-
-
 def write_readme(to: Path = README) -> None:
     """Make README's table anew from contact.csv."""
     page = README.read_text(encoding="utf-8")
-    to.write_text(readme_with(page, readme_table(recorded())), encoding="utf-8")
+    to.write_text(readme_with(page, readme_table(recorded()), _MARKERS), encoding="utf-8")
 
 
 def main() -> int:

@@ -19,8 +19,7 @@ HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.csv"
 README = HERE / "README.md"
 # README's table stands between these lines.
-_BEGIN = "<!-- From results.csv, by `tests/benchmarks/run.py --readme`. -->"
-_END = "<!-- The end of the table. -->"
+_MARKERS = "<!-- From results.csv, by `tests/benchmarks/run.py --readme`. -->", "<!-- The end of the table. -->"
 
 
 @dataclass(frozen=True)
@@ -234,13 +233,14 @@ def _shown(row: Mapping[str, str], name: str) -> str:
     return shown if goal_of(name).held_by(ratio) else f"**{shown}**"
 
 
-def readme_with(page: str, table: str) -> str:
+def readme_with(page: str, table: str, markers: tuple[str, str] = _MARKERS) -> str:
     """Put a table into README's text, between its two markers."""
-    before, _, rest = page.partition(_BEGIN)
-    _, found, after = rest.partition(_END)
+    begin, end = markers
+    before, _, rest = page.partition(begin)
+    _, found, after = rest.partition(end)
     if not found:
-        raise ValueError(f"README.md lacks {_BEGIN} and {_END}")
-    return f"{before}{_BEGIN}\n{table}\n{_END}{after}"
+        raise ValueError(f"README.md lacks {begin} and {end}")
+    return f"{before}{begin}\n{table}\n{end}{after}"
 
 
 def write_readme() -> None:

@@ -30,7 +30,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 # Where it is set, what is installed in place is compiled at every start, unlike the packages that it is compared with.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -48,9 +47,8 @@ from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from rows import Row, markdown, record, write_readme  # noqa: E402
 
-import wrinklecli  # noqa: E402
 from kit.crowd import write_crowds, write_frames  # noqa: E402
-from kit.limb import limb_asset, nose, sleeved_limb, waving_limb, write_tools  # noqa: E402
+from kit.limb import limb_asset, write_tools  # noqa: E402
 from kit.limb import tool as limb_tool  # noqa: E402
 from kit.tube import write_tube  # noqa: E402
 from wrinklecli.character.clip import Clip, read_clips  # noqa: E402
@@ -65,7 +63,6 @@ from wrinklecli.effects.wrinkle.bending import rising  # noqa: E402
 from wrinklecli.effects.wrinkle.effect import shapes_of  # noqa: E402
 from wrinklecli.effects.wrinkle.layer import carried_patches_of  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
-from wrinklecli.review.crossings import crossings  # noqa: E402
 from wrinklecli.tools.read import load_tools  # noqa: E402
 from wrinklecli.tools.records import Length  # noqa: E402
 
@@ -725,106 +722,33 @@ def tallest(targets: list[Floats], weights: Floats) -> float:
 
 
 def contact(places: Places) -> Iterator[Row]:
-    """Folds that touch, one in each bake: what is left of their crossings, what they cost, what becomes of volume."""
+    """Folds that touch: what is left of their crossings, what they cost, what becomes of volume."""
+    from contact_table import cases, compile_program, measured
+
+    compile_program(ROOT)
+    known = cases(places.assets)
     for name in places.sizes.folds:
-        yield from _FOLDS[name](places)
+        case = known.get(_FOLDS.get(name, name))
+        if case is None or (isinstance(asset := case.asset(), Path) and not found(asset)):
+            continue
+        each = measured("", name, case, ROOT, places.folder)
+        before, without, left = each.folds_before, each.folds_wrinkled, each.folds_contact
+        if not without:  # what another mesh passes through
+            before, without, left = each.before, each.wrinkled, each.contact
+        what, over = f"crossings in a fold that touches, {name}", "those without contact"
+        yield Row(f"contact_left_{name}", what, over, left / without, f"{before} -> {without} -> {left}")
+        spent = each.seconds - each.seconds_off
+        what = f"seconds that contact takes in a fold and its clips, {name}"
+        yield Row(f"contact_seconds_{name}", what, "10", spent / 10, f"{spent:.1f} s")
+        what = f"morph targets of a fold that touches, {name}"
+        yield Row(f"contact_targets_{name}", what, "the 8 that it may have", each.targets / 8, f"{each.targets}")
+        lost = 100.0 * each.volume_lost
+        what = f"volume that a fold loses, {name}"
+        yield Row(f"contact_volume_{name}", what, "1 % of the limb beside it", lost, f"{lost:.2f} %")
 
 
-def elbow(places: Places) -> Iterator[Row]:
-    """A limb that folds about its axis."""
-    limb = limb_asset(rings=30, sides=20, angle=85).write(places.folder / "limb.glb")
-    yield from folded(places, "elbow", limb, one_tool(CREASE))
-
-
-def elbow_off_axis(places: Places) -> Iterator[Row]:
-    """A limb with clips that fold it about other axes."""
-    waving = waving_limb(20, rings=30, sides=20).write(places.folder / "waving.glb")
-    yield from folded(places, "elbow_off_axis", waving, {**one_tool(CREASE), "sampling": {"fps": 15}})
-
-
-def sleeve(places: Places) -> Iterator[Row]:
-    """A limb in a sleeve, which is another mesh."""
-    sleeved = sleeved_limb(gap=0.05, rings=24, sides=16, angle=45).write(places.folder / "sleeved.glb")
-    yield from folded(places, "sleeve", sleeved, one_tool(CREASE), parts="limb: ")
-
-
-def nose_beneath_glasses(places: Places) -> Iterator[Row]:
-    """A morph target that raises a nose towards glasses."""
-    nosed = nose().write(places.folder / "nose.glb")
-    bridge = {"name": "bridge", "node": "skin", "origin": [-0.5, 0, 0], "target": [0.5, 0, 0], "width": 0.8, "bumps": 4}
-    yield from folded(places, "nose", nosed, one_tool(bridge), parts="glasses")
-
-
-def knee(places: Places) -> Iterator[Row]:
-    """The left knee of the sample trousers."""
-    samples = yaml.safe_load((ROOT / "configs" / "trousers.yaml").read_text(encoding="utf-8"))
-    options = {"only": ("knee_out.L", "knee_in.L"), "clips": ("squat",), "max_levels": 2}
-    yield from folded(places, "knee", ROOT / "samples" / "trousers.glb", samples, **options)
-
-
-def wrist(places: Places) -> Iterator[Row]:
-    """The wrist of a real hand."""
-    hand = places.hand()
-    if hand is not None:
-        yield from folded(places, "hand", hand.asset, one_tool(yaml.safe_load(hand.tool)), clips=(hand.clip,))
-
-
-CREASE = limb_tool(bumps=3, max_height="8%", node="limb")
-_FOLDS = {
-    "elbow": elbow,
-    "elbow_off_axis": elbow_off_axis,
-    "sleeve": sleeve,
-    "nose": nose_beneath_glasses,
-    "knee": knee,
-    "hand": wrist,
-}
-
-
-def one_tool(tool: dict[str, Any]) -> dict[str, Any]:
-    """A tools file of one tool."""
-    return {"version": 1, "tools": [tool]}
-
-
-def folded(
-    places: Places, name: str, asset: Path, tools: dict[str, Any], *, parts: str = "", **options: Any
-) -> Iterator[Row]:
-    """The one fold of a bake, with contact and without.
-
-    Args:
-        places: The places of the benchmarks.
-        name: The name in the rows.
-        asset: The asset with the fold.
-        tools: The tools file, with a tool over the fold.
-        parts: Crossings with or through a part of this name count; if empty, those at the joint.
-        options: The options of the bakes.
-    """
-    seconds, crossing, fold = [], [], {}
-    for wanted in ("resolve", "off"):
-        each = {**tools, "defaults": {**tools.get("defaults", {}), "contact": wanted}}
-        path, out = places.folder / f"{name}_{wanted}.yaml", places.folder / f"{name}_{wanted}.glb"
-        path.write_text(json.dumps(each), encoding="utf-8")
-        begun = time.process_time()
-        report = wrinklecli.bake(asset, path, out, **options)
-        seconds.append(time.process_time() - begun)
-        (fold,) = report.data["folds"] if wanted == "resolve" else [fold]
-        # Elsewhere a mesh, or the sleeve, may cross itself as ever.
-        clips = crossings(out, clips=options.get("clips", ())).data["clips"]
-        here = [
-            part["counts"] for clip in clips for part in clip["places"] if (parts or fold["joint"]) in part["between"]
-        ]
-        crossing.append((sum(before for before, _ in here), sum(after for _, after in here)))
-    (before, left), (_, without) = crossing
-    what, over = f"crossings in a fold that touches, {name}", "those without contact"
-    yield Row(f"contact_left_{name}", what, over, left / without, f"{before} -> {without} -> {left}")
-    spent = seconds[0] - seconds[1]
-    what = f"seconds that contact takes in a fold and its clips, {name}"
-    yield Row(f"contact_seconds_{name}", what, "10", spent / 10, f"{spent:.1f} s")
-    targets = len(fold["targets"])
-    what = f"morph targets of a fold that touches, {name}"
-    yield Row(f"contact_targets_{name}", what, "the 8 that it may have", targets / 8, f"{targets}")
-    lost = 100.0 * fold["volume_lost"]
-    what = f"volume that a fold loses, {name}"
-    yield Row(f"contact_volume_{name}", what, "1 % of the limb beside it", lost, f"{lost:.2f} %")
+# Names of contact_table.py's cases, where those of the rows are others.
+_FOLDS = {"elbow": "tube", "knee": "sample_knees"}
 
 
 SECTIONS = {

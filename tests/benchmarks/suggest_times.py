@@ -13,11 +13,8 @@ most; and those of the clock, which mean something on an idle machine only: the 
 import argparse
 import csv
 import os
-import resource
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -28,6 +25,7 @@ sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
 from assets import finer, more_clips, more_joints  # noqa: E402
+from contact_table import seconds_of  # noqa: E402
 
 from kit.characters import CHARACTERS  # noqa: E402
 
@@ -56,19 +54,6 @@ def cases(assets: Path | None) -> dict[str, Build]:
 
 
 _REAL = ("cesium_man", "trousers")
-_COMMAND = "import sys; from wrinklecli.cli import main; sys.exit(main())"
-
-
-def measured(asset: Path, program: Path) -> tuple[float, float]:
-    """Seconds of the processor and of the clock that `suggest` takes."""
-    environment = os.environ | {"PYTHONPATH": str(program)}
-    command = [sys.executable, "-c", _COMMAND, "suggest", str(asset), "-o", str(asset.with_suffix(".yaml"))]
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(command, env=environment, cwd=asset.parent, capture_output=True, text=True, check=False)
-    clock, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        sys.exit(done.stderr)
-    return after.ru_utime - before.ru_utime, clock
 
 
 def main() -> None:
@@ -83,7 +68,8 @@ def main() -> None:
         if options.only and not any(word in name for word in options.only):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            processor, clock = measured(build(Path(folder) / "asset.glb"), options.program)
+            asset = build(Path(folder) / "asset.glb")
+            processor, clock = seconds_of(options.program, ["suggest", asset, "-o", asset.with_suffix(".yaml")])
         load = os.getloadavg()[0]
         print(f"{name:56}{processor:8.1f} s of the processor{clock:8.1f} s at a load of {load:.1f}", flush=True)
         if options.state:
