@@ -27,6 +27,7 @@ from wrinklecli.effects.effect import Effect, MeshPlan, Motion, Target, target_w
 from wrinklecli.effects.shapes import Shape, turn_to
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import (
+    channels_of,
     drop_channels,
     forget_pointers,
     has_target_names,
@@ -116,17 +117,13 @@ def _encode_tracks(edited: EditedDocument, rig: Rig, motions: Sequence[Motion], 
 def _widen_idle_pointers(edited: EditedDocument, rig: Rig, count: int) -> None:
     """Give so many zeros to the channels that go on naming the mesh: its node has weights of its own, which count."""
     pointer, source = f"/meshes/{edited.gltf['nodes'][rig.node]['mesh']}/weights", edited.source
-    for animation in edited.gltf.get("animations", []):
-        for channel in animation.get("channels", ()):
-            if pointer_of(channel) == pointer:
-                old = animation["samplers"][channel["sampler"]]
-                values = source.stored(old["output"]).reshape(-1, len(rig.morph_names))
-                widened = edited.add(
-                    np.pad(values, ((0, 0), (0, count))).reshape(-1),
-                    normalized=bool(source.items("accessors")[old["output"]].get("normalized")),
-                )
-                channel["sampler"] = len(animation["samplers"])
-                animation["samplers"].append(old | {"output": widened})
+    for animation, channel in channels_of(edited.gltf):
+        if pointer_of(channel) == pointer:
+            old = animation["samplers"][channel["sampler"]]
+            values = source.stored(old["output"]).reshape(-1, len(rig.morph_names))
+            widened = edited.add_like(old["output"], np.pad(values, ((0, 0), (0, count))).reshape(-1))
+            channel["sampler"] = len(animation["samplers"])
+            animation["samplers"].append(old | {"output": widened})
 
 
 def encode_mesh(

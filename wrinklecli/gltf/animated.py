@@ -90,6 +90,11 @@ def pointer_of(channel: Json) -> str | None:
     return pointer if isinstance(pointer, str) else None
 
 
+def channels_of(gltf: Json) -> list[tuple[Json, Json]]:
+    """All channels that there are now, each behind its animation."""
+    return [(animation, each) for animation in gltf.get("animations", []) for each in animation.get("channels", [])]
+
+
 def target_count(gltf: Json, mesh: int | None) -> int:
     """The number of a mesh's morph targets; 0 if there is no such mesh."""
     meshes = gltf.get("meshes", [])
@@ -150,8 +155,7 @@ def drop_channels(animation: Json, gone: Sequence[Json]) -> list[Json]:
 
 def forget_pointers(gltf: Json) -> None:
     """Take the extension from the lists of those that are used and required, if no channel has a pointer."""
-    channels = (each for animation in gltf.get("animations", []) for each in animation.get("channels", []))
-    if any(pointer_of(channel) is not None for channel in channels):
+    if any(pointer_of(channel) is not None for _, channel in channels_of(gltf)):
         return
     for key in ("extensionsUsed", "extensionsRequired"):
         if EXTENSION in gltf.get(key, []):

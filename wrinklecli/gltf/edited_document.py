@@ -107,6 +107,10 @@ class EditedDocument:
         accessor = {"bufferView": self._add_view(data, target=target, stride=stride), **accessor}
         return self._place(accessor, slot)
 
+    def add_like(self, index: int, values: Array, **how: Any) -> int:
+        """Add an accessor of values that represent what those of an accessor of the source do."""
+        return self.add(values, normalized=bool(self.source.items("accessors")[index].get("normalized")), **how)
+
     def add_deltas(
         self, vertices: Array, deltas: Array, *, count: int, bounds: bool = False, replaces: int | None = None
     ) -> int:

@@ -4,12 +4,13 @@ Meshes that the same skin moves differ from primitives of one mesh in nothing bu
 """
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.animated import channels_of, moves_weights
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
@@ -111,10 +112,10 @@ def give_back(edited: EditedDocument, mesh: JoinedMesh) -> list[int]:
         given = gltf["meshes"][part["mesh"]]
         gltf["meshes"][shown["mesh"]] = _with_weights(copy.deepcopy(own) | {"primitives": given["primitives"]}, given)
         gltf["nodes"][node] = _with_weights(copy.deepcopy(shown), part)
-        for animation, channel in list(_channels(gltf, new)):
-            if channel["target"].get("path") == "weights":
+        for animation, channel in channels_of(gltf):
+            if moves_weights(channel, new):
                 channel["target"]["node"] = node
-            else:
+            elif channel["target"].get("node") == new:
                 animation["channels"].remove(channel)
     for new in sorted(made, reverse=True):
         del gltf["meshes"][gltf["nodes"][new]["mesh"]], gltf["nodes"][new]
@@ -123,14 +124,6 @@ def give_back(edited: EditedDocument, mesh: JoinedMesh) -> list[int]:
                 if new in holder.get(key, []):
                     holder[key].remove(new)
     return nodes
-
-
-def _channels(gltf: Json, node: int) -> Iterator[tuple[Json, Json]]:
-    """The channels of a node, with their animations."""
-    for animation in gltf.get("animations", []):
-        for channel in animation["channels"]:
-            if channel["target"].get("node") == node:
-                yield animation, channel
 
 
 def _with_weights(holder: Json, given: Json) -> Json:

@@ -13,7 +13,7 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.animated import EXTENSION, has_target_names, pointer_of
+from wrinklecli.gltf.animated import EXTENSION, channels_of, has_target_names, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints
@@ -143,15 +143,8 @@ class DividedPrimitive:
         return self._stored(index, rows, name, replaces=self._replaced(index, name))
 
     def _stored(self, index: int, rows: Ints, name: str, *, replaces: int | None) -> int:
-        source = self._edited.source
-        normalized = bool(source.items("accessors")[index].get("normalized"))
-        return self._edited.add(
-            source.stored(index)[rows],
-            target=VERTEX_DATA,
-            normalized=normalized,
-            bounds=name == "POSITION",
-            replaces=replaces,
-        )
+        values, bounds = self._edited.source.stored(index)[rows], name == "POSITION"
+        return self._edited.add_like(index, values, target=VERTEX_DATA, bounds=bounds, replaces=replaces)
 
     def _deltas(self, index: int, rows: Ints, number: int, name: str) -> int:
         """Add an accessor of some elements of a morph target's."""
@@ -215,33 +208,29 @@ def _named(made: Json, number: int, others: Iterable[Json]) -> Json:
 
 def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]) -> None:
     """Let the node of a part move as another node: with the same keys, and the weights of its morph targets."""
-    for animation in edited.gltf.get("animations", []):
-        for channel in list(animation["channels"]):
-            target = channel["target"]
-            pointer = pointer_of(channel) or ""
-            made: Json = copy.deepcopy(channel)
-            if _OF_PARTS.match(pointer.removeprefix(f"/nodes/{node}")):
-                made["target"]["extensions"][EXTENSION]["pointer"] = pointer.replace(f"/{node}/", f"/{part}/", 1)
-            elif target.get("node") == node and (target.get("path") != "weights" or targets):
-                made["target"]["node"] = part
-            else:
-                continue
-            if target.get("path") == "weights":
-                sampler = animation["samplers"][channel["sampler"]]
-                made["sampler"] = len(animation["samplers"])
-                output = _columns(edited, sampler["output"], node, targets)
-                animation["samplers"].append(sampler | {"output": output})
-            animation["channels"].append(made)
+    for animation, channel in channels_of(edited.gltf):
+        target = channel["target"]
+        pointer = pointer_of(channel) or ""
+        made: Json = copy.deepcopy(channel)
+        if _OF_PARTS.match(pointer.removeprefix(f"/nodes/{node}")):
+            made["target"]["extensions"][EXTENSION]["pointer"] = pointer.replace(f"/{node}/", f"/{part}/", 1)
+        elif target.get("node") == node and (target.get("path") != "weights" or targets):
+            made["target"]["node"] = part
+        else:
+            continue
+        if target.get("path") == "weights":
+            sampler = animation["samplers"][channel["sampler"]]
+            made["sampler"] = len(animation["samplers"])
+            animation["samplers"].append(sampler | {"output": _columns(edited, sampler["output"], node, targets)})
+        animation["channels"].append(made)
 
 
 def _keep_weights(edited: EditedDocument, node: int, targets: Sequence[int]) -> None:
     """Reduce the node's own weights to those of its first part's morph targets; no other channel has their samplers."""
-    for animation in edited.gltf.get("animations", []):
-        for channel in animation["channels"]:
-            if channel["target"].get("node") == node and channel["target"].get("path") == "weights":
-                sampler = animation["samplers"][channel["sampler"]]
-                old = sampler["output"]
-                sampler["output"] = _columns(edited, old, node, targets, replaces=old)
+    for animation, channel in channels_of(edited.gltf):
+        if channel["target"].get("node") == node and channel["target"].get("path") == "weights":
+            sampler = animation["samplers"][channel["sampler"]]
+            sampler["output"] = _columns(edited, sampler["output"], node, targets, replaces=sampler["output"])
 
 
 def _columns(
@@ -251,8 +240,7 @@ def _columns(
     source = edited.source
     mesh = source.items("meshes")[source.items("nodes")[node]["mesh"]]
     weights = source.stored(index).reshape(-1, len(mesh["primitives"][0]["targets"]))[:, list(targets)]
-    normalized = bool(source.items("accessors")[index].get("normalized"))
-    return edited.add(weights.reshape(-1), normalized=normalized, replaces=replaces)
+    return edited.add_like(index, weights.reshape(-1), replaces=replaces)
 
 
 def _bind(gltf: Json, nodes: Sequence[int], parts: Sequence[Part]) -> None:
@@ -282,14 +270,13 @@ def _bind_in(value: Any, key: str, places: Sequence[int], parts: Sequence[Part])
 def _refuse_pointers(edited: EditedDocument, node: int) -> None:
     """Raise BakeError if an animation names the weights of a node, or its mesh, in a pointer."""
     mesh = edited.gltf["nodes"][node]["mesh"]
-    for animation in edited.gltf.get("animations", []):
-        for channel in animation["channels"]:
-            pointer = pointer_of(channel) or ""
-            if f"{pointer}/".startswith((f"/nodes/{node}/weights/", f"/meshes/{mesh}/")):
-                raise BakeError(
-                    f"cannot be split: {animation.get('name')!r} moves {pointer} by {EXTENSION}",
-                    where=edited.source.where("nodes", node),
-                )
+    for animation, channel in channels_of(edited.gltf):
+        pointer = pointer_of(channel) or ""
+        if f"{pointer}/".startswith((f"/nodes/{node}/weights/", f"/meshes/{mesh}/")):
+            raise BakeError(
+                f"cannot be split: {animation.get('name')!r} moves {pointer} by {EXTENSION}",
+                where=edited.source.where("nodes", node),
+            )
 
 
 def _refuse_levels(edited: EditedDocument, node: int) -> None:

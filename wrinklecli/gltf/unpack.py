@@ -31,13 +31,7 @@ def unpack(edited: EditedDocument, primitive: Json) -> None:
             weights = packed.get(key.replace("JOINTS_", "WEIGHTS_")) if key.startswith("JOINTS_") else None
             if weights is not None:
                 values = used_joints(values, edited.source.accessor(weights), key)
-            owner[key] = edited.add(
-                values,
-                target=target,
-                normalized=accessor.get("normalized", False),
-                bounds="min" in accessor,
-                replaces=index,
-            )
+            owner[key] = edited.add_like(index, values, target=target, bounds="min" in accessor, replaces=index)
     if extension.get("bufferView", len(edited.gltf["bufferViews"])) < len(edited.gltf["bufferViews"]):
         edited.drop_view(extension["bufferView"])
 
