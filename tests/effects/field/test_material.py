@@ -25,10 +25,10 @@ def test_a_wave_is_as_high_as_a_sine_and_sinks_less_than_it_rises(fabric: Fabric
 
 
 @EACH
-def test_crests_are_round_and_valleys_narrower(fabric: Fabric) -> None:
+def test_crests_of_cloth_are_narrower_than_its_valleys_and_others_wider(fabric: Fabric) -> None:
     waves = fabric.wave(COSINES)
     assert (np.diff(fabric.wave(np.linspace(-1.0, 1.0, 50))) > 0).all()
-    assert (waves > (waves.max() + waves.min()) / 2.0).mean() > 0.5
+    assert ((waves > (waves.max() + waves.min()) / 2.0).mean() < 0.5) == (fabric is FABRICS["cloth"])
 
 
 @EACH
@@ -50,20 +50,20 @@ def test_the_reference_has_the_values_of_materials() -> None:
 def test_numbers_are_smooth_and_of_one_place_however_fine_the_mesh_is() -> None:
     coarse, fine = plane(1.0, 0.5, 40)[0], plane(1.0, 0.5, 80)[0]
     for k in range(2):
-        numbers = Irregular(0.1, 0.1, "a").varied(fine, _lines(fine))[k]
+        numbers = _varied(fine, 0.1, "a")[k]
         rows = numbers.reshape(81, 41)
-        assert rows[::2, ::2].ravel() == pytest.approx(Irregular(0.1, 0.1, "a").varied(coarse, _lines(coarse))[k])
+        assert rows[::2, ::2].ravel() == pytest.approx(_varied(coarse, 0.1, "a")[k])
         assert np.ptp(numbers) > 0.1
         assert np.abs(np.diff(rows, axis=0)).max() < 0.3 * np.ptp(rows)
         assert (numbers > 0).all()
-        assert Irregular(0.1, 0.0, "a").varied(fine, _lines(fine))[k] == pytest.approx(1.0)
-        assert Irregular(0.1, 0.1, "b").varied(fine, _lines(fine))[k] != pytest.approx(numbers)
+        assert _varied(fine, 0.0, "a")[k] == pytest.approx(1.0)
+        assert _varied(fine, 0.1, "b")[k] != pytest.approx(numbers)
 
 
 def test_crests_differ_from_their_neighbours_more_than_along_them() -> None:
     """They differ along them, too: else the crests of one patch are bars of one length."""
     positions = plane(2.0, 2.0, 40)[0]
-    for longer, higher in (Irregular(0.1, 0.15, each).varied(positions, _lines(positions)) for each in "abc"):
+    for longer, higher in (_varied(positions, 0.15, each) for each in "abc"):
         assert np.mean(higher**2) == pytest.approx(1.0, abs=0.1)
         for numbers in (longer, higher):
             across, along = (np.abs(np.diff(numbers.reshape(81, 81), axis=axis)).mean() for axis in (0, 1))
@@ -89,22 +89,40 @@ def test_crests_go_on_where_lines_turn_at_once() -> None:
     assert np.mean(ratios) < 1.0
 
 
-def _lines(positions: Floats) -> Floats:
-    return np.tile([1.0, 0.0, 0.0], (len(positions), 1))
+def _varied(positions: Floats, variation: float, seed: str) -> tuple[Floats, Floats]:
+    """Numbers of the first of two families whose crests run along y."""
+    lines = np.tile([1.0, 0.0, 0.0], (len(positions), 1))
+    longer, higher = Irregular(0.1, variation, seed).varied(positions, lines, np.stack([lines, lines]))
+    return longer[0], higher[0]
 
 
 def test_crests_run_aslant_to_either_side() -> None:
     positions = plane(1.0, 0.5, 20)[0]
     normals, directions = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0, 1], [-1.0, 0, 0, 0, 0, 0]))
     slants = np.linspace(0.0, 0.7, len(positions))
-    lines, longer, higher, _ = Irregular(0.1, 0.15, "a").crests(positions, normals, directions, slants)
+    lines, longer, *_ = Irregular(0.1, 0.15, "a").crests(positions, normals, directions, slants)
     assert np.linalg.norm(lines, axis=2) == pytest.approx(1.0)
     assert np.abs(lines @ [0.0, 1.0, 0.0]) == pytest.approx(np.tile(slants, (2, 1)))
     assert np.abs(np.sum(lines[0] * lines[1], axis=1)) == pytest.approx(1.0 - 2.0 * slants**2)
-    # Where nothing is aslant, both families are one; elsewhere each is higher in other places.
-    for numbers in (longer, higher):
-        assert numbers[0, 0] == pytest.approx(numbers[1, 0])
-        assert np.abs(numbers[0] - numbers[1]).max() > 0.2
+    # Where nothing is aslant, both families are one; elsewhere each is wider in other places.
+    assert longer[0, 0] == pytest.approx(longer[1, 0])
+    assert np.abs(longer[0] - longer[1]).max() > 0.2
+
+
+def test_one_family_leads_over_a_length() -> None:
+    """Where one is high the other is low, and along a crest they change hands after several wavelengths."""
+    positions = plane(2.0, 2.0, 40)[0]
+    normals, directions = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0, 1], [-1.0, 0, 0, 0, 0, 0]))
+    lengths = []
+    for seed in "abcdefgh":
+        _, _, (one, other), _ = Irregular(0.1, 0.15, seed).crests(
+            positions, normals, directions, np.full(len(positions), 0.5)
+        )
+        assert np.corrcoef(one, other)[0, 1] < -0.3
+        assert (np.maximum(one, other) > 2.0 * np.minimum(one, other)).mean() > 0.5
+        changes = (np.diff(np.sign((one - other).reshape(81, 81)), axis=1) != 0).mean()
+        lengths.append(2.0 / 80.0 / 0.1 / changes)
+    assert np.mean(lengths) > 3.0
 
 
 @EACH

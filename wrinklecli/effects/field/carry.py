@@ -131,14 +131,6 @@ def _waves(
         at_vertices.append(uneven * _height(fabric, psi))
         at_middles.append(uneven[ends].mean(axis=1) * _height(fabric, sides.middles(psi)))
     heights, middles = fabric.higher(*at_vertices), fabric.higher(*at_middles)
-    # Each fills furrows of the other, so both together are less steep than each: they rise until they fold as much.
-    a, b = ends.T
-    steepness = [
-        np.sum(every[0].weights * (trust[a] + trust[b]) ** 2 * (each[a] - each[b]) ** 2)
-        for each in (*at_vertices, heights)
-    ]
-    rise = np.sqrt(np.mean(steepness[:-1]) / max(steepness[-1], _TINY))
-    heights, middles = rise * heights, rise * middles
     # A side from crest to furrow says nothing of what is between: its middle is then halfway.
     straight = heights[ends].mean(axis=1)
     told = np.clip((_LONGEST - waves) / (_LONGEST - _SHORT_ENOUGH), 0.0, 1.0)

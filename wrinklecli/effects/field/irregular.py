@@ -2,9 +2,12 @@
 
 Equal ribs read as a machine's. In cloth few wide and high folds stand among narrow and low ones, so one number gives
 width and height of a crest. The number differs less along the crest, where another width forks it and another height
-ends it. Of two families that cross, one is higher here and the other there. All amounts are those of a variation of 1.
-The shapes are fixed, so irregularity costs nothing in a player.
+ends it. Two families that cross everywhere would be dents without a direction. So one of them leads over folds several
+times as long as wide, and the other one where these end. All amounts are those of a variation of 1. The shapes are
+fixed, so irregularity costs nothing in a player.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,10 +19,12 @@ from wrinklecli.numeric.drawn import drawn
 # Waves in space, and their lengths in wavelengths of a field, evenly between these two: a crest has to differ from its
 # neighbours, not one end of a garment from the other.
 _WAVES, _SHORTEST, _LONGEST = 40, 1.6, 4.0
+# Times these lengths over which one family leads: a crest that has a number of its own ends there twice as seldom.
+_LEADS = 2.0
 # Stands for 0 where numbers divide.
 _TINY = 1e-9
 # Logarithm by which wavelengths differ, and by how much heights differ.
-_LENGTHS, _HEIGHTS = 1.5, 10.0
+_LENGTHS, _HEIGHTS = 1.5, 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +54,28 @@ class Irregular:
         agreed = np.clip((across - least) / np.maximum(-across - least, _TINY), 0.0, 1.0)
         level, aslant = np.sqrt(1.0 - slants**2)[:, None] * lines, slants[:, None] * np.cross(normals, lines)
         both = np.stack([level + aslant, level - aslant])
-        return both, *self.varied(positions, both, agreed), agreed
+        return both, *self.varied(positions, lines, both, agreed), agreed
 
-    def varied(self, positions: Floats, lines: Floats, agreed: Floats | float = 1.0) -> tuple[Floats, Floats]:
-        """(…, vertices) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
+    def varied(
+        self, positions: Floats, lines: Floats, both: Floats, agreed: Floats | float = 1.0
+    ) -> tuple[Floats, Floats]:
+        """(2, vertices) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
-        Wide crests are the high ones. The mean square of the heights is 1, so the surface keeps its length.
-        (…, vertices, 3) `lines` are unit directions across the crests, without signs. (vertices,) `agreed` say how much
-        they agree with those beside them: where lines turn at once, numbers do not.
+        Wide crests are the high ones. The mean square of the heights is 1, so the surface keeps its length: what one
+        family has more, the other has less.
+
+        Args:
+            positions: The places.
+            lines: (vertices, 3) unit lines, without signs, across the bands in which one family leads.
+            both: (2, vertices, 3) unit lines across the crests of each.
+            agreed: (vertices,) how much lines agree with those beside them: where they turn at once, numbers do not.
         """
-        drawn_here = self.variation * self._smooth(positions, lines, agreed)
-        return np.exp(_LENGTHS * drawn_here), np.sqrt(1.0 + np.tanh(_HEIGHTS * drawn_here))
+        numbers = self._smooth(positions, both, agreed)
+        bands = replace(self, wavelength=_LEADS * self.wavelength, seed=f"{self.seed} leads")
+        ranks = numbers + np.multiply.outer([1.0, -1.0], bands._smooth(positions, lines, agreed))
+        much = 1.0 + np.tanh(_HEIGHTS * self.variation * ranks.mean(axis=0))
+        part = 1.0 + np.tanh(_HEIGHTS * self.variation * (ranks - ranks[::-1]))
+        return np.exp(_LENGTHS * self.variation * numbers), np.sqrt(much * part)
 
     def _smooth(self, positions: Floats, along: Floats, agreed: Floats | float) -> Floats:
         """(…, vertices) smooth random numbers, about from -2 to 2, the same for one place however fine a mesh is.
