@@ -26,7 +26,7 @@ from wrinklecli.effects.contact.pose_faults import TORN
 from wrinklecli.effects.contact.solution import March, Solution, is_clear
 from wrinklecli.effects.contact.tissue import UNITS
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, interpolated
+from wrinklecli.numeric.arrays import Floats, Ints, interpolated
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 
@@ -150,11 +150,6 @@ class Crease:
         kept = acting[:-2] | acting[1:-1] | acting[2:]
         by: Literal["angles", "shortenings"] = "angles" if isinstance(self.fold.hinge, Hinge) else "shortenings"
         return Table(by, np.concatenate(rows)[order][kept], weights[kept], paths=self.paths)
-
-    @property
-    def counting(self) -> Bools:
-        """(vertices,) True for those that contact or the fold's tools may move."""
-        return (self.fold.tissue.free & self.fold.own) | self.fold.raised
 
     def follow(self, marched: "MarchedClip") -> "Followed":
         """Fit the shapes to the solutions of a clip, each pose for itself; a fit that tears the surface is a fault.

@@ -207,7 +207,8 @@ def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
         whole = [each for each in whole if each is not other]
         # Both count as equally thick.
         radius = (first.radius + other.radius) / 2.0
-        systems.append([replace(each, radius=radius) for each in (first, other)] if other is not first else [first])
+        members = [first] if other is first else [first, other]
+        systems.append([replace(each, radius=radius).solved_part for each in members])
     return systems
 
 

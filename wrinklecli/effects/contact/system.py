@@ -187,10 +187,7 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
             near |= ((low <= high[touched].max(axis=0)) & (low[touched].min(axis=0) <= high)).all(axis=1)
         return near
 
-    near = fold.searched(looks, len(touched), coming, touched) > 0
-    vertices, triangles = np.unique(fold.triangles[near], return_inverse=True)
-    own, crossed = fold.own[vertices], fold.crossed[vertices]
-    return replace(fold, vertices=fold.vertices[vertices], triangles=triangles.reshape(-1, 3), own=own, crossed=crossed)
+    return fold.part(fold.searched(looks, len(touched), coming, touched) > 0)
 
 
 def _moments(fold: Fold, clip: Clip) -> Floats:
