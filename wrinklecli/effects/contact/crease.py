@@ -245,11 +245,10 @@ class Crease:
 
         Rows are added where players are furthest off.
         """
-        response, weights = self.response, followed.weights
-        largest = float(np.max(self._lengths(weights), initial=0.0))
+        weights, largest = followed.weights, float(np.max(self._lengths(followed.weights), initial=0.0))
         if not isinstance(self.fold.hinge, Hinge) or not largest or len(self.paths) >= _MOST_PATHS:
             return self
-        reading = self.reading(followed.clip, followed.times)
+        response, reading = self.response, self.reading(followed.clip, followed.times)
         # Nothing touches in the stored pose, whatever further joints do.
         resting = np.sqrt(np.sum(reading.turns**2, axis=1)) < _AT_REST
         kept = np.where(resting[:, None], 0.0, weights)

@@ -182,9 +182,12 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
     def coming(poses: Poses) -> Ints:
         near: Ints = touched.astype(np.intp)
         for positions, _ in poses:
-            corners = [positions.take(each, axis=0) for each in fold.triangles.T]
-            low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
-            near |= ((low <= high[touched].max(axis=0)) & (low[touched].min(axis=0) <= high)).all(axis=1)
+            meeting = np.ones(len(near), bool)
+            for places in np.ascontiguousarray(positions.T):
+                corners = [places.take(each) for each in fold.triangles.T]
+                low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
+                meeting &= (low <= high[touched].max()) & (low[touched].min() <= high)
+            near |= meeting
         return near
 
     return fold.part(fold.searched(looks, len(touched), coming, touched) > 0)
