@@ -355,10 +355,10 @@ def test_triangles_that_touch_at_rest_never_collide() -> None:
     count = len(places)
     tissue = Tissue(
         places, triangles, np.ones(8, bool), np.ones(count, bool), np.ones(count, bool), np.zeros(count)
-    ).without_touching()
+    ).ready()
     assert tissue.colliding.tolist() == [False] * 4 + [True] * 4
     assert tissue.gaps == pytest.approx((0.7, 0.3))
-    assert tissue.without_touching() is tissue
+    assert np.array_equal(tissue.ready().colliding, tissue.colliding)
 
 
 @pytest.mark.slow

@@ -74,10 +74,9 @@ def _solve(tissue: Tissue, response: Response, state: SolverState, posed: Skinne
     wanted = posed.positions + carried
     if carried.any() and np.abs(wanted - state.positions).max() > _STRAIGHT:
         return _newton(tissue, response, state.positions, posed, tissue.collisions(state.positions))
-    step = tissue.step(state.positions, wanted)
-    fraction = step.free_fraction()
+    fraction = tissue.free_fraction(state.positions, wanted)
     positions = state.positions + fraction * (wanted - state.positions)
-    near = step.collisions(positions)
+    near = tissue.collisions(positions)
     if fraction >= 1.0 and not len(near) and not carried.any():
         # Exactly the pose: the way there and back rounds.
         return SolverState(posed.positions, posed)
@@ -101,11 +100,10 @@ def _newton(tissue: Tissue, response: Response, positions: Floats, posed: Skinne
         # The part of a step, along (vertices, 3) directions, that moves no vertex too far; some are touching.
         lengths = np.abs(direction).max(axis=1) / np.where(touching, _FARTHEST_TOUCHING, _FARTHEST)
         part = 1.0 / max(float(lengths.max()), 1.0)
-        step = tissue.step(positions, positions + part * direction)
-        fraction = part * step.free_fraction()
+        fraction = part * tissue.free_fraction(positions, positions + part * direction)
         for _halving in range(_HALVINGS):
             trial = positions + fraction * direction
-            trial_near = step.collisions(trial)
+            trial_near = tissue.collisions(trial)
             trial_energy = _energy(tissue, trial, posed, volumes, trial_near)
             if trial_energy <= energy + _DECREASE * fraction * slope or (arriving and trial_energy < energy):
                 break

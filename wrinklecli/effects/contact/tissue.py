@@ -45,8 +45,8 @@ _BARRIER_STIFFNESS = 10.0
 _GAP_HALVINGS = 8
 # Edges below this length have none, solver's units: a micrometre of a knee.
 _LEAST_EDGE = 1e-3
-# A triangle of another mesh lies on the surface, and never collides, if its gap at rest is below this fraction.
-_LYING_ON = 0.1
+# A triangle of another mesh lies on the surface, and never collides, if its gap at rest is below this, solver's units.
+_LYING_ON = 0.1 * (_BARRIER_GAP + _KEPT_GAP)
 # A straight step ends where this fraction of the distance to a collision is used up,
 _USED_UP = 0.99
 # and this fraction of the step up to there is taken.
@@ -115,26 +115,17 @@ class Tissue:
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def ready(self) -> "Tissue":
-        """A copy in which nothing that touches at rest collides, with all that is computed once."""
-        found = self.without_touching()
-        found = found if self.own.all() else found.without_close_meshes()
+        """A copy in which nothing that touches at rest collides, nor meshes that lie on it; all is computed once."""
+        # No gap is small enough for these; and triangles of other meshes that lie on the surface may stay there.
+        touching, close = self._nearer_at_rest(0.5**_GAP_HALVINGS * _KEPT_GAP), self._nearer_at_rest(_LYING_ON)
+        never = (touching | (close & ~self.own))[self.triangles].any(axis=1)
+        found = replace(self, colliding=self.colliding & ~never)
         _ = found.mesh, found.barrier, found.pressures, found._crossings, found._tearing
         return found
 
-    def without_close_meshes(self) -> "Tissue":
-        """A copy in which triangles of other meshes that lie on the surface at rest never collide."""
-        scale = _LYING_ON * self._gap_scale
-        on = self._near_at_rest(scale * _BARRIER_GAP, scale * _KEPT_GAP)
-        return replace(self, colliding=self.colliding & ~(on & ~self.own)[self.triangles].any(axis=1))
-
-    def without_touching(self) -> "Tissue":
-        """A copy in which triangles that touch others at rest never collide: no gap is small enough for them."""
-        on = self._near_at_rest(0.0, 0.5**_GAP_HALVINGS * self._gap_scale * _KEPT_GAP)
-        return replace(self, colliding=self.colliding & ~on[self.triangles].any(axis=1)) if on.any() else self
-
-    def _near_at_rest(self, barrier_gap: float, kept_gap: float) -> Bools:
-        """(vertices,) True for those of triangles and edges that are nearer at rest than the sum of two gaps."""
-        found = self._near(self.rest, barrier_gap, kept_gap)
+    def _nearer_at_rest(self, gap: float) -> Bools:
+        """(vertices,) True for those of triangles and edges that are nearer at rest than a gap, for long edges."""
+        found = self._near(self.rest, 0.0, gap * self._gap_scale)
         edges, triangles = self.mesh.edges, self.mesh.faces
         pairs = [found[k].vertex_ids(edges, triangles) for k in range(len(found))]
         near = np.array([vertex for pair in pairs for vertex in pair if vertex >= 0], np.intp)
@@ -147,8 +138,7 @@ class Tissue:
         """Factor on both gaps, at most 1, that makes them small enough for short edges."""
         edges = edges_of(self.triangles[(self.free & self.own)[self.triangles].any(axis=1)])
         lengths = np.sqrt(np.sum((self.rest[edges[:, 0]] - self.rest[edges[:, 1]]) ** 2, axis=1))
-        if len(lengths) and np.percentile(lengths, 5) < _LEAST_EDGE:
-            lengths = lengths[lengths >= _LEAST_EDGE]
+        lengths = lengths[lengths >= _LEAST_EDGE]
         short = float(np.percentile(lengths, 5)) if len(lengths) else 1.0
         return min(1.0, _GAPS_PER_EDGE * short / (_BARRIER_GAP + _KEPT_GAP))
 
@@ -300,38 +290,13 @@ class Tissue:
         found.build(self.mesh, self.placed(positions), barrier_gap, kept_gap)
         return found
 
-    def step(self, start: Floats, end: Floats) -> "_StraightStep":
-        """The straight step from (vertices, 3) positions to others."""
-        return _StraightStep(self, self.placed(start), self.placed(end))
+    def free_fraction(self, start: Floats, end: Floats) -> float:
+        """The fraction of the straight step from (vertices, 3) positions to others without a collision.
 
-
-class _StraightStep:
-    """A straight step of all vertices. Candidates for collisions on it are found once."""
-
-    def __init__(self, tissue: Tissue, start: Floats, end: Floats) -> None:
+        It is 1, or somewhat less than the way to the first collision.
+        """
         import ipctk
 
-        self._tissue, self._start, self._end = tissue, start, end
-        self._candidates = ipctk.Candidates()
-        self._candidates.build(tissue.mesh, start, end, sum(tissue.gaps) / 2.0)
-
-    def free_fraction(self) -> float:
-        """The fraction of the step without a collision: 1, or somewhat less than the way to the first collision."""
-        import ipctk
-
-        fraction = self._candidates.compute_collision_free_stepsize(
-            self._tissue.mesh,
-            self._start,
-            self._end,
-            self._tissue.gaps[1],
-            ipctk.AdditiveCCD(conservative_rescaling=_USED_UP),
-        )
-        return float(fraction) if fraction >= 1.0 else _SAFE * float(fraction)
-
-    def collisions(self, positions: Floats) -> Any:
-        """The collisions, in ipctk, at (vertices, 3) positions on the step."""
-        import ipctk
-
-        found = ipctk.NormalCollisions()
-        found.build(self._candidates, self._tissue.mesh, self._tissue.placed(positions), *self._tissue.gaps)
-        return found
+        ends, search = (self.placed(start), self.placed(end)), ipctk.AdditiveCCD(conservative_rescaling=_USED_UP)
+        fraction = float(ipctk.compute_collision_free_stepsize(self.mesh, *ends, self.gaps[1], narrow_phase_ccd=search))
+        return fraction if fraction >= 1.0 else _SAFE * fraction
