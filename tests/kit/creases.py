@@ -14,5 +14,5 @@ def resolved(fold: Fold, *, most: int, clips: Sequence[Clip] = ()) -> Crease:
     assert found.crosses
     sweeps = [march_clip(found, *each, sweep=True) for each in found.hinge.sweeps]
     assert all(each.touching for each in sweeps if each.faults)
-    poses = [pose for each in sweeps for pose in each.poses(each.touching)]
+    poses = [pose for each in sweeps for pose in each.poses(each.touching, len(each.times))]
     return resolve(found, poses, sweeps, most=most)

@@ -115,7 +115,7 @@ def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     assert not len(crease.shapes)
     solved = march_clip(crease.fold, clips[0], np.linspace(clips[0].start, clips[0].end, 31))
     assert crease.follow(solved).crossing
-    wider = resolve(crease.fold, [*solved.poses(solved.touching)], [], most=4)
+    wider = resolve(crease.fold, [*solved.poses(solved.touching, 31)], [], most=4)
     assert not wider.follow(solved).crossing
 
 

@@ -6,10 +6,10 @@ pose. Players look them up by the joint's turn, also in clips that were never ba
 """
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, reduce
-from itertools import chain, compress
+from itertools import compress
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.drive.table import Path, Table
 from wrinklecli.effects.contact.fitting import MOST_LOST, combined, fit_pose, fit_poses
-from wrinklecli.effects.contact.fold import Fold, Poses
+from wrinklecli.effects.contact.fold import Fold, Poses, evenly
 from wrinklecli.effects.contact.hinge import Hinge
 from wrinklecli.effects.contact.pose_faults import TORN
 from wrinklecli.effects.contact.solution import March, Solution, is_clear
@@ -200,21 +200,14 @@ class Crease:
         `moves` are those of this fold, and of others that add to these.
         """
         scale, fold, moments = UNITS / self.fold.radius, self.fold, times[frames]
-        places = [fold.shared_with(each.vertices) for each in moves]
-        parts = [(here, each.shapes[:, there]) for (here, there), each in zip(places, moves, strict=True)]
-        weights = [interpolated(moments, each.times, each.weights) for each in moves]
+        moved = replace(fold, movers=(*fold.movers, *moves))
 
         def torn(poses: Poses) -> Ints:
-            flags = np.zeros(len(frames), np.intp)
-            for number, (given, matrices) in enumerate(poses):
-                shown = given.copy()
-                for (here, shapes), own in zip(parts, weights, strict=True):
-                    shown[here] += np.einsum("vij,vj->vi", matrices[here], combined(own[number], shapes))
-                flags[number] = fold.tissue.tears(scale * given, scale * shown)
-            return flags
+            both = zip(poses, fold.poses(clip, moments), strict=False)
+            return np.array([fold.tissue.tears(scale * given, scale * shown) for (shown, _), (given, _) in both], int)
 
-        inputs = (fold.own, fold.crossed, fold.border, [fold.radius], *chain(*parts), *weights)
-        return {*frames[fold.searched([(clip, moments)], len(frames), torn, *inputs) > 0].tolist()}
+        inputs = (fold.own, fold.crossed, fold.border, [fold.radius])
+        return {*frames[moved.searched([(clip, moments)], len(frames), torn, *inputs) > 0].tolist()}
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""
@@ -314,9 +307,10 @@ class MarchedClip:
         """The frames in which contact moves something."""
         return [*self.solutions]
 
-    def poses(self, frames: Iterable[int]) -> Iterator[SolvedPose]:
-        """The poses of some frames in which contact moves something."""
-        return ((self.clip, float(self.times[frame]), self.solutions[frame]) for frame in frames)
+    def poses(self, frames: Sequence[int], most: int) -> Iterator[SolvedPose]:
+        """At most so many poses, evenly spread, of some frames in which contact moves something."""
+        chosen = (frames[k] for k in evenly(len(frames), most))
+        return ((self.clip, float(self.times[frame]), self.solutions[frame]) for frame in chosen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -393,7 +387,7 @@ def resolve(
     if poses:
         weights, shapes, _ = fit_poses([found for *_, found in poses], share=SHAPE_ERROR, most=most, fewest=fewest)
         # Frames in which normals are to be right: those with the greatest weight of each shape, and an even choice.
-        even = np.linspace(0, len(weights) - 1, _NORMAL_POSES).astype(int).tolist()
+        even = evenly(len(weights), _NORMAL_POSES).tolist()
         chosen = sorted({*even, *np.argmax(np.abs(weights), axis=0).tolist()})
     crease = Crease(
         fold=fold,

@@ -57,6 +57,11 @@ Poses: TypeAlias = Iterator[tuple[Floats, Floats]]
 """Frame by frame (vertices, 3) positions in world space, and (vertices, 3, 3) matrices from bind space."""
 
 
+def evenly(count: int, most: int) -> Ints:
+    """(chosen,) indices of at most so many things of a count, evenly spread with both ends."""
+    return distinct_values(np.linspace(0, count - 1, most if count else 0).astype(int))
+
+
 class Mover(Protocol):
     """A field, or contact that is resolved, in folds."""
 
@@ -331,22 +336,13 @@ class Fold:
 
     def meshes_crossing_themselves(self, clip: Clip, times: Floats) -> set[str]:
         """Nodes with other meshes that cross themselves at some of (frames,) seconds of a clip, and not at rest."""
-        if not self.others or not len(times):
-            return set()
-        counts = [len(self.vertices), *(len(each.bind_positions) for each in self.others)]
-        owners = np.repeat(np.arange(len(counts)), counts)
-        chosen = times[distinct_values(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))]
-        found = set[int]()
-        for positions in self.posed(clip, chosen)[0]:
-            found |= self._crossing_themselves(owners, positions)
-        found -= self._crossing_themselves(owners, self.rest_positions) | {0}
-        return {rig.node_name for rig in (self.others[number - 1].rig for number in found)}
-
-    def _crossing_themselves(self, owners: Ints, positions: Floats) -> set[int]:
-        """The (vertices,) owners that cross themselves at (vertices, 3) positions."""
-        edges, triangles = self.crossings.at(positions)
-        pairs = np.stack([owners[self.crossings.edges[edges, 0]], owners[self.crossings.triangles[triangles, 0]]])
-        return set(pairs[0, pairs[0] == pairs[1]].tolist())
+        chosen, found = times[evenly(len(times), _MOMENTS)], set[str]()
+        for each in self.others:
+            (rest,), _ = each.carried(self.rest.clip, self.rest.time)
+            trees = Crossings.of(rest, each.triangles)
+            if not trees.pairs_at(rest) and any(map(trees.pairs_at, each.carried(clip, chosen)[0])):
+                found.add(each.rig.node_name)
+        return found
 
 
 def find_folds(
@@ -364,34 +360,39 @@ def find_folds(
     `parts` names the part of a body that each node moves, if known. `obstacles` gives the other meshes, without the
     meshes of nodes with some names.
     """
-    by_node: dict[int, list[int]] = {}
-    by_rise: dict[bytes, dict[int, Rise]] = {}
-    without = []
+    motions: dict[int | bytes, list[int]] = {}
+    rises: dict[int, Rise] = {}
+    folds, without, none = list[Fold](), list[int](), np.zeros(0, np.intp)
+    given: Mapping[str, Any] = {"rig": rig, "rest": rest, "fine": fine, "movers": tuple(movers)}
+    bare = partial(Fold, vertices=none, triangles=none.reshape(0, 3), own=none > 0, crossed=none > 0, **given)
     for number in chosen:
         patch = carried_patches[number].patch
-        node = bent_node(patch, rig)
-        rise = rise_of(patch, rig) if node is None else None
-        if node is not None:
-            by_node.setdefault(node, []).append(number)
-        elif rise is not None:
-            by_rise.setdefault(rise.motion.motion, {})[number] = rise
-        else:
+        motion: int | bytes | None = bent_node(patch, rig)
+        rise = rise_of(patch, rig) if motion is None else None
+        if rise is not None:
+            rises[number], motion = rise, rise.motion.motion
+        if motion is None:
             without.append(number)
-    none = np.zeros(0, np.intp)
-    bare = partial(
-        Fold,
-        vertices=none,
-        triangles=none.reshape(0, 3),
-        own=none > 0,
-        crossed=none > 0,
-        rig=rig,
-        rest=rest,
-        fine=fine,
-        movers=tuple(movers),
-    )
-    folds = [_round_joint(bare, each, node, carried_patches, rig, rest, parts[node]) for node, each in by_node.items()]
-    folds += [_round_tools(bare, each, carried_patches) for each in by_rise.values()]
-    folds = [_with_obstacles(fold, obstacles(fold.ignored) if obstacles else ()) for fold in folds]
+        else:
+            motions.setdefault(motion, []).append(number)
+    for node, numbers in motions.items():
+        carried = list(carried_patches)
+        if isinstance(node, int):
+            patches = [carried[number].patch for number in numbers]
+            pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
+            radius, spread = max(_limb_radius(patch, pivot) for patch in patches), 0.0
+            hinge: Hinge | Rise = hinge_of(node, patches, pivot, rig, parts[node])
+        else:
+            # The fold of tools that rise together counts as thick as the longest of them is long.
+            patches = [rises[number].patch for number in numbers]
+            for number, patch in zip(numbers, patches, strict=True):
+                carried[number] = replace(carried[number], patch=patch)
+            middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
+            pivot, radius, hinge = middles.mean(axis=0), max(patch.span for patch in patches), rises[numbers[0]]
+            spread = float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max())
+        empty = bare(patches=tuple(patches), hinge=hinge, radius=radius, pivot=pivot, carried=tuple(carried))
+        fold = _within(empty, REACH_RADII * radius + spread)
+        folds.append(_with_obstacles(fold, obstacles(fold.ignored) if obstacles else ()))
     return folds, without
 
 
@@ -414,37 +415,6 @@ def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     return replace(
         fold, others=tuple(others), triangles=np.concatenate(triangles), own=own, crossed=np.zeros(len(own), bool)
     )
-
-
-def _round_joint(
-    bare: "partial[Fold]",
-    tools: Sequence[int],
-    node: int,
-    carried: Sequence[CarriedPatch],
-    rig: Rig,
-    rest: Rest,
-    part: Part | None,
-) -> Fold:
-    """The fold of tools over one joint; `bare` has what all folds have in common."""
-    patches = [carried[number].patch for number in tools]
-    pivot = node_matrices(rig, rest.clip, rest.time, [node])[0, 0, :3, 3]
-    radius = max(_limb_radius(patch, pivot) for patch in patches)
-    hinge = hinge_of(node, patches, pivot, rig, part)
-    fold = bare(patches=tuple(patches), hinge=hinge, pivot=pivot, radius=radius, carried=tuple(carried))
-    return _within(fold, REACH_RADII * radius)
-
-
-def _round_tools(bare: "partial[Fold]", rises: Mapping[int, Rise], carried: Sequence[CarriedPatch]) -> Fold:
-    """The fold of tools that rise together; it counts as thick as the longest of them is long."""
-    patches = [each.patch for each in rises.values()]
-    grown = list(carried)
-    for number, patch in zip(rises, patches, strict=True):
-        grown[number] = replace(carried[number], patch=patch)
-    middles = np.array([np.mean([anchor.position for anchor in patch.anchors], axis=0) for patch in patches])
-    pivot, radius = middles.mean(axis=0), max(patch.span for patch in patches)
-    own = tuple(carried[number].patch for number in rises)
-    fold = bare(patches=own, hinge=next(iter(rises.values())), pivot=pivot, radius=radius, carried=tuple(grown))
-    return _within(fold, REACH_RADII * radius + float(np.sqrt(np.sum((middles - pivot) ** 2, axis=1)).max()))
 
 
 def _within(fold: Fold, reach: float) -> Fold:

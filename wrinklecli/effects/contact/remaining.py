@@ -19,7 +19,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.drive import Rows
-from wrinklecli.effects.contact.fold import FAINT, Fold, Poses
+from wrinklecli.effects.contact.fold import FAINT, Fold, Poses, evenly
 from wrinklecli.effects.contact.pose_faults import TORN, WORSE
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, flags_of
@@ -34,8 +34,9 @@ on, players count turns as others (`drive.table`)."""
 # either end. A single one is owed to rounding, where flat triangles touch.
 _LEAST = 2
 # Frames of a run, evenly spread, by which its state is chosen, at most, and likewise of those in which contact does
-# nothing: with all of a run, a sleeve that leaves no room took a quarter of the time of its clip.
-_LOOKS = 8
+# nothing: with all of a run, a sleeve that leaves no room took a quarter of the time of its clip. The middle is among
+# them, where a clip that goes to and fro folds furthest.
+_LOOKS = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +113,8 @@ def shown_in(
     torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
     unsettled = [frame for each in followed for frame in each.faults]
     acting = distinct_values(np.array([*acting, *unsettled], np.intp))
-    some = _some(np.setdiff1d(np.arange(len(times)), acting))
+    idle = np.setdiff1d(np.arange(len(times)), acting)
+    some = idle[evenly(len(idle), _LOOKS)]
     if any(look.crossings(some, 1.0, 1.0).any() for look in looks):
         acting = np.arange(len(times))
     worse = [look.worse(look.crossings(acting, 1.0, 1.0)) for look in looks]
@@ -167,17 +169,12 @@ def _state(looks: "Sequence[_Look]", frames: Ints, *, keep: bool) -> tuple[float
     Wrinkles keep as much of their height as they can, and contact is kept where it does not ask for less: held in a
     deep pose, it takes volume away. It is whole or 0, and 0 if it is not to `keep`.
     """
-    frames = _some(frames)
+    frames = frames[evenly(len(frames), _LOOKS)]
     heights = 0.5 ** np.arange(1.0 - np.log2(FAINT))
     states = ((contact, height) for height in heights.tolist() for contact in (1.0, 0.0)[not keep :])
     return next(
         state for state in states if all(_no_worse(each, each.crossings(frames, *state), frames) for each in looks)
     )
-
-
-def _some(frames: Ints) -> Ints:
-    """(looks,) a few of some frames, evenly spread."""
-    return frames[distinct_values(np.linspace(0, len(frames), _LOOKS, endpoint=False).astype(int))[: len(frames)]]
 
 
 def _no_worse(look: "_Look", found: Ints, frames: Ints) -> bool:

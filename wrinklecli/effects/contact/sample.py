@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.pose import pose_at
-from wrinklecli.drive.drive import Drive, Rows
+from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.swing import signed
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, march_clip, resolve
@@ -60,10 +60,7 @@ _ROOM = 32 * 10**6
 def resolve_folds(
     folds: Sequence[Fold], plan: MeshPlan, effects: Sequence[Effect], clips: Sequence[Clip], how: SamplingOptions
 ) -> list[Effect]:
-    """Resolve folds and follow each clip, as `Layer.effects` does.
-
-    Frames are marched at their own times.
-    """
+    """Resolve folds and follow each clip, as `Layer.effects` does."""
     made, done = list(effects), 0
     start_blas()
     leave_room(_ROOM)
@@ -72,7 +69,7 @@ def resolve_folds(
         at_once = max(1, min(how.jobs, len(systems)))
         _refuse_large(systems, clips, how, at_once, where=plan.rig.node_name)
         kept = _KEPT * how.memory.left / at_once
-        chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, how.mode == "frames", kept)
+        chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, kept)
         for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):
             made += _followed(plan, solved, chosen, made, how.jobs)
             done += len(members)
@@ -118,14 +115,12 @@ class _Clips:
         every: All clips.
         firsts: For each of them the number of the first with the same motion.
         fps: Frames a second of a grid.
-        even: True if clips are marched at the grid alone; otherwise the folds decide.
-        kept: Bytes of solutions that a system may keep.
+            kept: Bytes of solutions that a system may keep.
     """
 
     every: Sequence[Clip]
     firsts: list[int]
     fps: float
-    even: bool
     kept: float
 
     @property
@@ -138,8 +133,17 @@ class _Clips:
         return {clip.name: found[first] for clip, first in zip(self.every, self.firsts, strict=True) if first in found}
 
     def times_for(self, folds: Sequence[Fold], clip: Clip) -> Floats:
-        """(frames,) seconds at which folds that are solved together are marched in a clip."""
-        return clip_grid(clip, None, fps=self.fps) if self.even else _march_times(folds, clip, self.fps)
+        """(frames,) seconds of a clip's grid at which folds are solved together, with more where one folds fast."""
+        grid = clip_grid(clip, folds[0].rig, fps=self.fps)
+        if len(grid) < 2:
+            return grid
+        strides = np.concatenate([each.strides(clip, grid) for each in folds], axis=1)
+        parts = np.ceil(np.abs(np.diff(strides, axis=0)).max(axis=1)).astype(int)
+        # No player distinguishes closer times.
+        parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
+        steps = zip(grid[:-1], grid[1:], parts, strict=True)
+        dense = np.concatenate([*(np.linspace(low, high, count + 1)[:-1] for low, high, count in steps), grid[-1:]])
+        return distinct_values(dense.astype(np.float32).astype(np.float64))
 
 
 def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> Iterator[Spanned]:
@@ -147,7 +151,7 @@ def _solved_systems(systems: Sequence[list[Fold]], clips: _Clips, jobs: int) -> 
     keys, known = list[str](), dict[int, Spanned]()
     for number, members in enumerate(systems if is_kept() else ()):
         times = partial(clips.times_for, members)
-        keys.append(solution_key(members, clips.moving, times, [clips.fps, clips.even]))
+        keys.append(solution_key(members, clips.moving, times, [clips.fps]))
         reading = partial(read, members=members, clips=clips.moving)
         solved = kept_solution(keys[-1], reading, what="a solution of these folds", most=MOST_BYTES)
         if solved is not None:
@@ -212,11 +216,6 @@ def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
     return systems
 
 
-def _lowered(heights: Mapping[int, Rows], clips: _Clips) -> dict[str, Rows]:
-    """The heights of wrinkles that are lowered, by the names of clips."""
-    return clips.by_name({first: each for first, each in heights.items() if (each.weights < 1.0).any()})
-
-
 def _followed(
     plan: MeshPlan,
     spanned: Spanned,
@@ -234,7 +233,7 @@ def _followed(
         work.append(partial(shown_in, creases, followed, beside))
     shown = dict(zip(firsts, in_processes(call, work, jobs, shared=clips.every), strict=True))
     made: list[Effect] = []
-    heights = _lowered({first: each.heights for first, each in shown.items()}, clips)
+    heights = clips.by_name({k: each.heights for k, each in shown.items() if (each.heights.weights < 1.0).any()})
     for number, crease in enumerate(creases):
         own = {first: each.followed[number] for first, each in shown.items()}
         crease = crease.looked_up([*own.values()], scale=plan.scale, allowed=MOST_APART)
@@ -267,10 +266,10 @@ def _spanned(
     def part(number: int) -> MarchedClip:
         return every.get(number) or divided(number)
 
-    chosen = [pose for each in sweeps for pose in each.poses(_some(each.touching))]
+    chosen = [pose for each in sweeps for pose in each.poses(each.touching, _CLIP_POSES)]
     for number in system.clips if fold.per_clip else ():
         solved = part(number)
-        chosen += solved.poses(_some(solved.touching))
+        chosen += solved.poses(solved.touching, _CLIP_POSES)
     found: list[tuple[Crease, dict[int, Followed], tuple[int, int]]] = []
     for _ in range(_ROUNDS):
         # More poses hardly ever need fewer shapes, and those of a fit may be too few for weights of each pose alone.
@@ -279,14 +278,14 @@ def _spanned(
         chosen += [
             pose
             for each, solved in zip(crease.swept, sweeps, strict=True)
-            for pose in solved.poses(_some(each.unspanned))
+            for pose in solved.poses(each.unspanned, _CLIP_POSES)
         ]
         followed: dict[int, Followed] = {}
         for number in system.clips:
             solved = part(number)
             followed[number] = crease.follow(solved)
             if fold.per_clip:
-                chosen += solved.poses(_some(followed[number].unspanned))
+                chosen += solved.poses(followed[number].unspanned, _CLIP_POSES)
         fitted = [*crease.swept, *(followed.values() if fold.per_clip else ())]
         # The frames in which shapes leave crossings, and those in which they also take volume away.
         wrong = sum(len(each.crossing) for each in fitted), sum(len(each.unspanned) for each in fitted)
@@ -294,13 +293,6 @@ def _spanned(
         if not any(wrong):
             break
     return min(found, key=lambda each: each[2])[:2]
-
-
-def _some(frames: Sequence[int]) -> list[int]:
-    """A few of some frames, evenly spread."""
-    if not frames:
-        return []
-    return [frames[k] for k in distinct_values(np.linspace(0, len(frames) - 1, _CLIP_POSES).astype(int))]
 
 
 def _effect(plan: MeshPlan, words: ContactWords, effects: Sequence[Effect]) -> Effect:
@@ -361,17 +353,3 @@ def _identifier(plan: MeshPlan, fold: Fold, effects: Sequence[Effect]) -> str:
     while name in taken or any(own.startswith(f"wrinkle_{name}_") for own in plan.rig.morph_names):
         name += "_"
     return name
-
-
-def _march_times(folds: Sequence[Fold], clip: Clip, fps: float) -> Floats:
-    """(frames,) seconds of a clip's grid, with more where it folds fast."""
-    grid = clip_grid(clip, folds[0].rig, fps=fps)
-    if len(grid) < 2:
-        return grid
-    strides = np.concatenate([each.strides(clip, grid) for each in folds], axis=1)
-    parts = np.ceil(np.abs(np.diff(strides, axis=0)).max(axis=1)).astype(int)
-    # No player distinguishes closer times.
-    parts = np.clip(parts, 1, np.maximum((np.diff(grid) / (2.0 * KEY_GAP)).astype(int), 1))
-    steps = zip(grid[:-1], grid[1:], parts, strict=True)
-    dense = np.concatenate([*(np.linspace(low, high, count + 1)[:-1] for low, high, count in steps), grid[-1:]])
-    return distinct_values(dense.astype(np.float32).astype(np.float64))

@@ -245,7 +245,8 @@ class March:
 
     def _keep(self, state: SolverState, nearest: "_Reached | None") -> None:
         """Let other poses start from a solved one, unless they may as well start from the nearest one."""
-        if nearest is None or not nearest.stands_for(state):
+        alike = nearest is not None and bool(state.correction.any()) == bool(nearest.state.correction.any())
+        if nearest is None or not alike or _apart(state.posed.positions, nearest.state.posed.positions) >= _APART:
             self.reached.append(_Reached(replace(state, near=None)))
 
     def _solve(self, pose: "_Pose") -> Solution:
@@ -342,11 +343,6 @@ class _Reached:
 
     state: SolverState
     reach: float = np.inf
-
-    def stands_for(self, other: SolverState) -> bool:
-        """True if poses that would start from another state may as well start from here."""
-        alike = bool(other.correction.any()) == bool(self.state.correction.any())
-        return alike and _apart(other.posed.positions, self.state.posed.positions) < _APART
 
 
 def _poses(fold: Fold, clip: Clip | None, times: Floats) -> Iterator[SkinnedPose]:

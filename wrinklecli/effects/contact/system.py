@@ -20,7 +20,7 @@ from wrinklecli.effects.contact.fold import REACH_RADII, Fold, Look, Poses, grow
 from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, distinct_values, flags_of
 
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
@@ -75,12 +75,8 @@ class System:
     @cached_property
     def _tissues(self) -> list[Tissue]:
         """For each fold the system's surface, of which only the fold's vertices may move."""
-        found = []
-        for fold in self.folds:
-            free = np.zeros(len(self.fold.own), bool)
-            free[: len(self.fold.vertices)] = np.isin(self.fold.vertices, fold.free_vertices)
-            found.append(replace(self.fold.tissue, free=free))
-        return found
+        whole = self.fold.tissue
+        return [replace(whole, free=flags_of(whole.free_rows[rows], len(whole.free))) for rows in self._rows]
 
     def part(self, number: int, fitted: Sequence[tuple[Crease, Floats]]) -> MarchedClip:
         """The part of one fold in a clip, solved.
