@@ -134,7 +134,8 @@ def test_a_mask_leaves_a_half() -> None:
 def test_what_is_far_from_a_field_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Heights are those of a field that all of the mesh is measured for, to more digits than one sees."""
     asset = tube(rings=81)
-    places = attribute(asset, 0, "POSITION")
+    places = attribute(asset, 0, "POSITION") * [1.0, 0.4, 0.4]
+    asset = with_attribute(asset, "POSITION", places)
     some = with_attribute(asset, "_WRINKLE", (places[:, 0] > 0).astype(float))
     measured, heights, measure = list[int](), list[Floats](), attach.measure
 

@@ -14,6 +14,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.faults import count_turned_over
 from wrinklecli.effects.field import carry
+from wrinklecli.effects.field.attach import UNSEEN
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.field.material import FABRICS
 from wrinklecli.effects.plan import skin_parts
@@ -68,7 +69,9 @@ def test_folds_rise_more_than_they_sink() -> None:
 def test_nothing_moves_where_no_shape_has_a_height() -> None:
     plan = plan_of()
     (deltas,) = layer_of(plan).deltas
-    far = np.abs(plan.fine.rest_positions[:, 0]) > 0.9
+    (field,) = layer_of(plan).attached
+    heights = plan.fine.subdivision.interpolate(field.factors.shapes.T).max(axis=1)
+    far = heights < UNSEEN / 2.0 * heights.max()
     assert far.any()
     assert not deltas[:, far].any()
 
@@ -131,8 +134,8 @@ def test_a_field_fades_under_a_tool() -> None:
     (part,) = (each for each in plan.parts if each.attached.moves is None and each.attached.tool.name == "hand")
     left = 1.0 - part.shares
     assert left.min() < 1e-6
-    # Where a half of the tool is left of its height, at most a half of the field's.
-    assert (sizes(deltas)[part.vertices] <= 1.05 * left * sizes(alone.deltas[0]).max()).all()
+    # Where a half of the tool is left of its height, at most a half of the field's; two families rise a little beyond.
+    assert (sizes(deltas)[part.vertices] <= 1.1 * left * alone.attached[0].greatest_height).all()
     beside = np.setdiff1d(np.arange(deltas.shape[1]), part.vertices)
     assert sizes(deltas)[beside].max() == sizes(deltas).max()
     assert alone.attached[0].greatest_height == layer_of(plan).attached[0].greatest_height

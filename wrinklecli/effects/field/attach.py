@@ -45,8 +45,8 @@ _HELD = 4
 # Half height of the tallest fold over the wavelength below which nobody sees one.
 _LEAST_HEIGHT = 0.01
 # Part of the greatest height below which nothing is seen: there shapes end, without a step. As they are not negative,
-# they fade slowly, and would else be all over a garment.
-UNSEEN = 0.02
+# they fade slowly, and would else be all over a garment: a third of what they move lies below.
+UNSEEN = 0.05
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3
@@ -131,11 +131,9 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     sheet = Sheet.of(rest.positions, surface.triangles[members])
     depths, girth, wavelength = _girth(tool, ground, sheet)
     near, wave, beyond = averages_over(sheet, wavelength)
-    wavelengths = np.full(len(sheet.positions), wavelength)
-    if tool.wavelength.percent:
-        # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
-        ratios = beyond.of(2.0 * np.pi * depths / girth)
-        wavelengths *= np.sqrt(np.clip(ratios, _THINNEST, _THICKEST))
+    ratios = np.clip(beyond.of(2.0 * np.pi * depths / girth), _THINNEST, _THICKEST)
+    # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
+    wavelengths = wavelength * (np.sqrt(ratios) if tool.wavelength.percent else np.ones(len(ratios)))
     turns = turns_of(ground, _joints(tool, ground))
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
@@ -144,7 +142,9 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wave, wavelength)
-    beside = (allowed > 0) | (beyond.of((allowed > 0).astype(np.float64)) > UNSEEN)
+    # Lengths slip there and back, so as much is missing as the square of this.
+    reached = sheet.averaging(girth / np.pi).of((allowed > 0).astype(np.float64))
+    beside = (allowed > 0) | (reached > UNSEEN / 3.0)
     around = sheet.triangles[beside[sheet.triangles].any(axis=1)]
     if 0 < len(around) < len(sheet.triangles):
         # Most of a mesh may be skin or hair, which takes as long to measure as its cloth.
@@ -159,6 +159,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         (near, wave, beyond),
         wavelength=wavelength,
         wavelengths=wavelengths,
+        radii=ratios * girth / (2.0 * np.pi),
         slack=tool.slack,
         allowed=allowed,
     )

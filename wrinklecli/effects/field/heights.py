@@ -52,8 +52,6 @@ _MOST_LOST = 0.5
 _FACETS = 8.0
 # Greatest squared sine of the angle by which crests run aslant: there they run along the compression as much as across.
 _MOST_ASLANT = 0.5
-# Times that cloth slips, by about the radius of a limb: once as it lies loose on it, and twice where it has no room.
-_SLIPS = 3
 # Least factor by which skinning makes heights lower that is made up for: a limb bent by 106 degrees. What is turned
 # further is hidden in its crease, where taller folds take shapes from what is seen.
 _LEAST_LOWER = 0.6
@@ -94,6 +92,7 @@ def measure(
     *,
     wavelength: float,
     wavelengths: Floats,
+    radii: Floats,
     slack: float,
     allowed: Floats,
 ) -> Heights:
@@ -108,6 +107,7 @@ def measure(
         averages: Those of `averages_over`.
         wavelength: The typical one at rest, scene units.
         wavelengths: (vertices,) those of places.
+        radii: (vertices,) of the limbs beneath, scene units.
         slack: Compression that makes no fold.
         allowed: (vertices,) from 0 to 1, factors of the height.
     """
@@ -141,7 +141,8 @@ def measure(
         strain, concave = near.of_integrals(np.stack([stretches, hollows], axis=1)).T
         row[0] = _room(np.maximum(1.0 + strain, 0.0), concave, wavelengths)
     # Cloth slips over what is beneath, the way in which it is compressed: beside the end of a crease it would heap up.
-    slipping = sheet.averaging(BEYOND * wavelength, _stiffness_along(sheet, lines))
+    # Friction holds it, and what slips fades by e over the radius of the limb.
+    slipping = sheet.averaging(2.0, _stiffness_along(sheet, radii[:, None] * lines))
     made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping, slack)))
     drawn = np.maximum(made, sheet.averaging(BEYOND * wavelength, crests).of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
@@ -161,18 +162,22 @@ def _squares(lost: Floats) -> Floats:
 
 
 def _slipped(lost: Floats, room: Floats, average: Average, slack: float) -> Floats:
-    """(poses, vertices) lost parts of the length where cloth has slipped, again from places without room.
+    """(poses, vertices) lost parts of the length where cloth has slipped: what has no room in a place, to those beside.
 
     `room` are the greatest squares, as `_squares` gives them. Folds fade where the slack is more than what is lost, as
     heights go with the root: what is hardly anything would be seen.
     """
+
+    def spread(values: Floats) -> Floats:
+        return np.maximum(average.of(values.T).T, 0.0)
+
     # The lost part at which waves are as high as there is room for.
     held = 0.5 - np.sqrt(np.maximum(0.25 - room, 0.0))
-    kept, excess = np.zeros_like(lost), lost
-    for _ in range(_SLIPS):
-        kept += np.maximum(average.of(excess.T).T, 0.0)
-        excess = np.maximum(kept - held, 0.0)
-        kept -= excess
+    loose = spread(lost)
+    kept = np.minimum(loose, held)
+    # Each place gets a share by the room it has left, so all of the length is kept.
+    left = held - kept
+    kept = np.minimum(kept + left * spread((loose - kept) / np.maximum(spread(left), _TINY)), held)
     return kept * smoothstep(np.minimum(kept / max(slack, _TINY), 1.0))
 
 
