@@ -85,6 +85,16 @@ def test_an_edge_passes_through_what_it_has_an_end_on_either_side_of(
     assert list(zip(edges_of(triangles)[edges].tolist(), through.tolist(), strict=True)) == [([3, 4], 0)] * crosses
 
 
+def test_rounding_lets_no_edge_pass_through_a_triangle_in_its_own_plane() -> None:
+    """An edge beside a triangle and parallel to one of its sides, as on flat skin that is refined, wherever that is."""
+    flat = np.array([[0.0, 0, 0], [0.61, 0, 0], [0.24, 1.77, 0], [-0.61, 0, 0], [-0.37, 1.77, 0]])
+    numbers = np.random.default_rng(1)
+    turned = [flat @ np.linalg.qr(numbers.normal(size=(3, 3)))[0].T + numbers.normal(size=3) for _ in range(2000)]
+    places, first = np.concatenate(turned), 5 * np.arange(2000)[:, None]
+    assert not crossing(places.T, first + np.array([3, 4]), first + np.array([0, 1, 2])).any()
+    assert not any(len(Crossings.of(flat, np.array([[0, 1, 2], [3, 4, 4]])).at(each)[0]) for each in turned)
+
+
 def test_what_is_near_in_the_order_of_a_tree_is_near_in_space() -> None:
     """The order of boxes decides how many of them are opened, not which crossings are found."""
     points = np.random.default_rng(1).random((4096, 3)) * [1.0, 2.0, 0.5] - 3.0

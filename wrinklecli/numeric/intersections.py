@@ -26,6 +26,8 @@ _CELLS = 2**_BITS - 3
 _GUARDS = np.int64(sum(1 << (_BITS + k * (_BITS + 1)) for k in range(3)))
 # Level of the trees at which a search begins, with all pairs of its boxes: above it few pairs are told apart.
 _TOP = 5
+# Error of a coordinate of a posed vertex over the largest one: skinning adds about 2e-14.
+_ROUNDING = 1e-12
 # Bits of each coordinate in the Morton order of the leaves.
 _MORTON_BITS = 10
 
@@ -218,11 +220,13 @@ def widened(edges: Ints, marked: Bools) -> Bools:
 
 def _turn_alike(start: Floats, stop: Floats, a: Floats, b: Floats, c: Floats) -> Bools:
     """(pairs,) True where the line from a start to a stop passes within a triangle's corners; all are (3, pairs)."""
-    ray = stop - start
+    ray, normal = stop - start, cross(b - a, c - a)
+    # Rounding puts the ends of an edge in the triangle's own plane, as on flat skin that is refined, on either side.
+    apart = np.abs(dot(ray, normal)) > _ROUNDING * np.abs(start).max(initial=0.0) * np.sqrt(dot(normal, normal))
     a, b, c = a - start, b - start, c - start
     turns = [np.sign(dot(ray, cross(one, other))) for one, other in ((a, b), (b, c), (c, a))]
     # A segment through an edge that two triangles share must cross exactly one of them: rounding decides which.
-    return np.asarray(np.abs(turns[0] + turns[1] + turns[2]) == 3)
+    return np.asarray(apart & (np.abs(turns[0] + turns[1] + turns[2]) == 3))
 
 
 def _tree(lowest: Floats, highest: Floats, corners: Ints, depth: int) -> list[tuple[Codes, Codes]]:
