@@ -109,6 +109,18 @@ def test_the_neck_and_the_head_of_rigify_go_on_from_the_spine() -> None:
     assert parts[-1] == "chest"
 
 
+def test_chains_of_joints_that_leave_a_hand_are_fingers() -> None:
+    asset = chain("Hand", "F1a", "F1b", "F1c")
+    for name in ("F2", "F3", "T"):
+        asset.gltf["nodes"][0]["children"].append(asset.append("nodes", {"name": f"{name}a", "children": []}))
+        asset.gltf["nodes"][-1]["children"].append(asset.append("nodes", {"name": f"{name}b"}))
+    asset.gltf["nodes"][0]["children"].append(asset.append("nodes", {"name": "Staff"}))
+    assert read_bones(as_document(asset)).parts == ("hand", *["finger"] * 9, None)
+    del asset.gltf["nodes"][0]["children"][1]
+    # Three chains may be a claw, or strings.
+    assert "finger" not in read_bones(as_document(asset)).parts
+
+
 def test_a_vrm_says_outright_which_node_is_which_bone() -> None:
     asset = chain("a", "b", "c", "Head")
     asset.gltf["extensions"] = {

@@ -28,7 +28,7 @@ def test_substances_are_judged_as_before(golden: Golden) -> None:
     words = [None, *(named([name], "it") for name in ("shirt", "Boots_01", "HairBand", "flesh", "wolf fur"))]
     parts = (None, *get_args(Part))
     judged = [
-        _soft(PrimitiveHints(material, node, None), {"by its texture": look}, parts[number % len(parts)])
+        _soft(PrimitiveHints(material, node, None), {"by its texture": look}, parts[number % len(parts)], unshod=False)
         for number, (look, (material, node)) in enumerate(zip(every[1], [*product(words, words)] * 30, strict=False))
     ]
     kinds = [KINDS.index(each.kind) for each in judged]

@@ -15,6 +15,7 @@ Sources of the names, of which tests have some each:
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -62,6 +63,8 @@ _END_OF: dict[Literal["arm", "leg"], tuple[Part, Part, Part]] = {
 }
 # Joints of a spine below the chest, if names do not tell.
 _LOWER_SPINE = 2
+# Least chains of joints that leave a hand for these to be fingers, whatever they are called.
+_FINGERS = 4
 # What joints are called with which arms begin.
 _ARMS = frozenset[_Said](("shoulder", "upper arm", "arm"))
 
@@ -128,12 +131,19 @@ def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
         leaves_arms = said[branch] == "spine" and below[branch] & _ARMS and not below[branch] & {"neck", "head"}
         if said[branch] == "neck" or leaves_arms:
             said[node] = "neck" if "spine" in below[node] else "head"
+    # A hand may also hold a weapon, which is no chain.
+    chained = {*parents.tolist()} - {-1}
+    chains = Counter(int(parents[node]) for node in chained)
     parts: list[Part | None] = [None] * len(names)
     above: list[tuple[Part, ...]] = [()] * len(names)
     for node in order:
         parent = int(parents[node])
         chain = above[parent] if parent >= 0 else ()
-        parts[node] = part = _part(said[node], chain, below[node], sided=bool(_SIDED.search(words[node])))
+        part = _part(said[node], chain, below[node], sided=bool(_SIDED.search(words[node])))
+        of_hand = parent >= 0 and parts[parent] == "hand" and node in chained and chains[parent] >= _FINGERS
+        if part is None and (of_hand or (chain and chain[-1] == "finger")):
+            part = "finger"
+        parts[node] = part
         above[node] = chain if part is None else (*chain, part)
     return tuple(parts)
 

@@ -18,7 +18,7 @@ from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import AssetError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, face_normals, ramp, unit
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, among, distinct_values, face_normals, ramp, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.pieces import difference, pieces_of
@@ -176,6 +176,7 @@ class Makeup:
         corners: (triangles, 3) glTF vertices.
         vertex_starts: (primitives + 1,) the first glTF vertex of each primitive.
         mesh: Index of the mesh.
+        unshod: (triangles,) True on pieces of the surface that hands share: shoes are pieces of their own.
         pictures: Its textures.
         bare: The character's bare skin; None if unknown.
         animal: True if the character is an animal, whose coat may have the colours and the grain of any cloth.
@@ -188,6 +189,7 @@ class Makeup:
     corners: Ints
     vertex_starts: Ints
     mesh: int
+    unshod: Bools
     pictures: Pictures = field(compare=False, repr=False)
     bare: BareSkin | None = None
     animal: bool = False
@@ -220,6 +222,7 @@ def read_makeup(
         corners,
         surface.vertex_starts,
         rig.mesh,
+        np.zeros(len(triangles), np.bool_),
         pictures or Pictures(document),
     )
 
@@ -307,7 +310,8 @@ def _substance(
     hard = _hard(makeup, place, metal, plates=not (by_morph or named_soft))
     if hard is None and makeup.animal and hints.material is None and hints.node is None:
         return Substance("skin", "as animals wear nothing", 2.0 / 3.0)
-    return hard or _soft(hints, looks, place.part)
+    unshod = float(place.weights @ makeup.unshod[place.triangles]) > 0.5 * float(place.weights.sum())
+    return hard or _soft(hints, looks, place.part, unshod=unshod)
 
 
 def _hard(makeup: Makeup, place: _Place, metal: bool, *, plates: bool) -> Substance | None:
@@ -328,7 +332,9 @@ def _hard(makeup: Makeup, place: _Place, metal: bool, *, plates: bool) -> Substa
     return Substance("hard", "as " + " and ".join(looks), 0.95, "metal" if metal else "rigid")
 
 
-def _soft(hints: PrimitiveHints, looks: dict[str, dict[SubstanceKind, float]], part: Part | None) -> Substance:
+def _soft(
+    hints: PrimitiveHints, looks: dict[str, dict[SubstanceKind, float]], part: Part | None, *, unshod: bool
+) -> Substance:
     """The likeliest substance by looks, names and the part of the body."""
     evidence: dict[str, dict[SubstanceKind, float]] = {
         **looks,
@@ -352,7 +358,10 @@ def _soft(hints: PrimitiveHints, looks: dict[str, dict[SubstanceKind, float]], p
     scores[-1] -= _SKIN_ELSE if scores[-1] else np.inf
     if not said:
         # Shoes without a word or a colour are a guess, and so is all else; those of cloth are the commonest today.
-        return Substance("cloth" if part in _SHOD else "skin", "as nothing says what it is made of", 1.0 / 3.0)
+        # Feet in one piece with hands are as bare as these.
+        return Substance(
+            "cloth" if part in _SHOD and not unshod else "skin", "as nothing says what it is made of", 1.0 / 3.0
+        )
     odds = np.exp(scores - scores.max())
     best = int(scores.argmax())
     kind = kinds[best]
@@ -495,7 +504,11 @@ def makeup_of(ground: Ground, gauge: Gauge) -> Makeup:
     document, rig, animal = ground.document, gauge.rig, is_animal(gauge.rig)
     makeup = read_makeup(document, rig, gauge, pictures=ground.pictures)
     bare = None if animal else _bare_skin_beside(ground)
-    return replace(makeup, hints=read_hints(document, rig, animal=animal), bare=bare, animal=animal)
+    hands = np.array([part in _SHOWING[0] for part in ground.neighbours.parts])[rig.joints][gauge.surface.heaviest]
+    unshod = among(gauge.pieces, distinct_values(gauge.pieces[hands[gauge.triangles].all(axis=1)])) & (
+        gauge.pieces >= 0
+    )
+    return replace(makeup, hints=read_hints(document, rig, animal=animal), bare=bare, animal=animal, unshod=unshod)
 
 
 def _bare_skin_beside(ground: Ground) -> BareSkin | None:

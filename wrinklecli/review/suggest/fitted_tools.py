@@ -56,7 +56,7 @@ _PRESENT = 0.25
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
-_BARE_LIMBS: tuple[PartOfBody, ...] = ("lower arm", "hand", "lower leg", "finger")
+_BARE_LIMBS: tuple[PartOfBody, ...] = ("lower arm", "hand", "lower leg", "finger", "toes")
 # Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
 _RADII = (0.15, 1.5)
 # Greatest |v| of a place well within a patch.
