@@ -194,6 +194,11 @@ class Makeup:
     bare: BareSkin | None = None
     animal: bool = False
 
+    @property
+    def shown(self) -> Floats:
+        """(triangles,) the part of each that alpha does not cut away."""
+        return self.pictures.shown(self.mesh, self.primitives, self.corners, self.vertex_starts)
+
 
 def read_makeup(
     document: Document,

@@ -147,10 +147,7 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
     distinct = {id(each.mesh.gauge.surface): each.mesh for each in candidates}
     makeups = {key: makeup_of(asset.ground(mesh.rig.node), mesh.gauge) for key, mesh in distinct.items()}
     # What a texture's alpha cuts away, as at a ragged hem, is of no substance.
-    shown = {
-        key: each.pictures.shown(each.mesh, each.primitives, each.corners, each.vertex_starts)
-        for key, each in makeups.items()
-    }
+    shown = {key: each.shown for key, each in makeups.items()}
     rims = cache(lambda surface: rims_of(distinct[surface]))
     for each in candidates:
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
@@ -165,8 +162,8 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         weights = np.maximum(triangle_weights(mesh.sites, each.region), 0.0)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         # Lips and brows are painted on one skin.
-        kinds, seen = asset.kinds(mesh.rig.node)[mesh.gauge.numbers], weights * shown[surface]
-        of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, seen)
+        kinds = asset.kinds(mesh.rig.node)[mesh.gauge.numbers]
+        of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, weights * shown[surface])
         limb = each.by_morph or animal or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
         if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
