@@ -155,6 +155,9 @@ def test_folders_of_jobs_that_fail_do_not_stay(chars: Wrinkle, tmp_path: Path) -
     assert {name for name in found if not name.startswith(".wrinkle-cache")} == {
         *("chars", "out", "empty", "both", "both/b")
     }
+    (tmp_path / "f.jsonl").write_text("\n".join(map(json.dumps, jobs[:3])))
+    assert chars("batch", "f.jsonl", "--keep-going", "--cache", "new/cache").code == 1
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from wrinklecli.batching.cache import Cache
+from wrinklecli.batching.cache import TAG, Cache
 from wrinklecli.batching.cache_keys import program
 from wrinklecli.batching.cluster import Workers, refuse_without_dask, run_on_dask
 from wrinklecli.batching.jobs import BatchJob, Outcome
@@ -47,7 +47,7 @@ def run_jobs(
     Raises:
         WrinkleError: The cache's store, or Dask's scheduler, does not answer, or Dask is missing.
     """
-    with _without_empty_folders(jobs):
+    with _without_empty_folders(jobs, settings.cache):
         if workers.scheduler is None and workers.count == 1:
             _open_cache(settings, warn)
             for job in jobs:
@@ -74,22 +74,23 @@ def run_jobs(
 
 
 @contextmanager
-def _without_empty_folders(jobs: Sequence[BatchJob]) -> Iterator[None]:
-    """Remove, in the end, the folders of outputs that were made for jobs that failed.
+def _without_empty_folders(jobs: Sequence[BatchJob], cache: str) -> Iterator[None]:
+    """Remove, in the end, the folders of outputs, and that of the cache, that were made for jobs that failed.
 
     None goes earlier, as another job may be about to write there.
     """
     made: set[str] = set()
-    for job in jobs:
-        for folder, _ in roots_of(job, job).values():
-            while folder and not is_url(folder) and folder not in made and not os.path.lexists(folder):
-                made.add(folder)
-                folder = os.path.dirname(folder)
+    for folder in [cache, *(folder for job in jobs for folder, _ in roots_of(job, job).values())]:
+        while folder and not is_url(folder) and folder not in made and not os.path.lexists(folder):
+            made.add(folder)
+            folder = os.path.dirname(folder)
     try:
         yield
     finally:
         for folder in sorted(made, key=len, reverse=True):
             with suppress(OSError):  # it has files, or was never made
+                if folder == cache and os.listdir(folder) == [TAG]:
+                    os.unlink(os.path.join(folder, TAG))
                 os.rmdir(folder)
 
 
