@@ -23,7 +23,9 @@ _LINE = "said by the tab"  # title of the hidden line
 _STYLE = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}'
 _STYLE += ".mantine-Notifications-root{{top:25vh!important;z-index:1!important}}"
 _STYLE += ".mantine-Notification-root{{pointer-events:none!important}}"
-_STYLE += ".mantine-Notification-root button{{pointer-events:all}}</style>"
+_STYLE += ".mantine-Notification-root button{{pointer-events:all}}"
+# A row of buttons reaches below the scroll bar.
+_STYLE += "div:has(> .mantine-Flex-root > .mantine-Button-root){{padding-right:.7em}}</style>"
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
 # A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
