@@ -25,8 +25,10 @@ from PIL import Image
 from _characters import Character, Joint, to_glb
 from _figure import base_colour, encode_png
 from _shapes import Mesh
+from contact_picture import ELBOW, arm
 from kit.command import make_samples
 from kit.places import SAMPLES
+from wrinklecli import bake
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("wrist", "head", "trousers", "body", "touch", "figure")
@@ -291,6 +293,15 @@ def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: 
 
 
 # --- What makes them ---
+
+
+@pytest.mark.slow
+def test_contact_settles_in_the_elbow_of_its_picture(tmp_path: Path) -> None:
+    """Where the solver knows nothing beyond what it may move, that meets what is beside it."""
+    (tmp_path / "arm.glb").write_bytes(to_glb(arm()))
+    tools = {"version": 1, "refinement": {"max_levels": 2}, "tools": [{**ELBOW, "contact": "resolve"}]}
+    (tmp_path / "tools.yaml").write_text(yaml.safe_dump(tools), encoding="utf-8")
+    assert not bake(tmp_path / "arm.glb", tmp_path / "tools.yaml", tmp_path / "out.glb").warnings
 
 
 def test_a_character_has_one_root() -> None:

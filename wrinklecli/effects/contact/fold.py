@@ -175,11 +175,11 @@ class Fold:
 
     @property
     def solved_part(self) -> "Fold":
-        """The part that the solver asks for: what contact may move, and neighbours, whose areas count for stiffness.
+        """The part that the solver asks for: what contact may move, and as much again beside it, which that may meet.
 
         So its solution does not depend on what changes further away.
         """
-        beside = widened(self.crossings.edges, self.near)
+        beside = self.apart < 2.0 * FREE * SOFT
         return replace(self.part(np.asarray(beside[self.triangles].any(axis=1))), cut_from=self)
 
     def part(self, chosen: Bools) -> "Fold":
