@@ -29,16 +29,20 @@ def asset_of(scene: Scene) -> Asset:
     indices = asset.accessor(triangles, "u2", target=ELEMENT_ARRAY_BUFFER)
     asset.append("meshes", {"primitives": [{"attributes": attributes, "indices": indices}]})
     asset.append("nodes", {"name": "cloth", "mesh": 0, "skin": 0})
-    asset.append("nodes", {"name": "first", "children": [2]})
-    asset.append("nodes", {"name": "second"})
-    asset.append("skins", {"joints": [1, 2]})
+    # A bone leads from the end of the cloth to the joint that turns, as a limb has one.
+    reach = -float(cloth.positions[:, 0].min())
+    asset.append("nodes", {"name": "first", "translation": [-reach, 0.0, 0.0], "children": [2]})
+    asset.append("nodes", {"name": "second", "translation": [reach, 0.0, 0.0]})
+    binds = np.tile(np.eye(4), (2, 1, 1))
+    binds[0, 3, 0] = reach  # column-major
+    asset.append("skins", {"joints": [1, 2], "inverseBindMatrices": asset.accessor(binds.reshape(2, 16))})
     asset.append("scenes", {"nodes": [0, 1]})
     animation: Json = {"name": "move"}
     shares = np.array([share_of(frame) for frame in range(FRAMES)])
     times, halves = np.arange(FRAMES) / FPS, np.radians(scene.turn * shares) / 2.0
     turns = np.stack([0 * halves, 0 * halves, np.sin(halves), np.cos(halves)], axis=1)
     asset.channel(animation, 2, "rotation", times.tolist(), turns.tolist())
-    slides = np.stack([scene.slide * shares, 0 * shares, 0 * shares], axis=1)
+    slides = np.stack([reach + scene.slide * shares, 0 * shares, 0 * shares], axis=1)
     asset.channel(animation, 2, "translation", times.tolist(), slides.tolist())
     asset.append("animations", animation)
     return asset
