@@ -42,6 +42,26 @@ def at_rest(positions: Floats, triangles: Ints, joints: int) -> Rest:
     )
 
 
+def measured(
+    positions: Floats, triangles: Ints, weights: Floats, matrices: Floats, *, radius: float = WAVE, slack: float = 0.0
+) -> Heights:
+    """Heights of a sheet that lies on limbs as thick as said, in poses of as many joints as it has weights."""
+    sheet, joints = Sheet.of(positions, triangles), weights.shape[1]
+    return measure(
+        sheet,
+        at_rest(positions, triangles, joints),
+        np.tile(np.arange(joints), (len(positions), 1)),
+        weights,
+        matrices,
+        averages_over(sheet, WAVE),
+        wavelength=WAVE,
+        wavelengths=np.full(len(positions), WAVE),
+        radii=np.full(len(positions), radius),
+        slack=slack,
+        allowed=np.ones(len(positions)),
+    )
+
+
 @cache
 def squeezed(one: float, other: float = 0.0, slack: float = 0.0) -> tuple[Floats, Heights]:
     """A sheet that is shortened by parts of its length and of its width, as four joints at its corners move."""
@@ -51,23 +71,9 @@ def squeezed(one: float, other: float = 0.0, slack: float = 0.0) -> tuple[Floats
     matrices = np.tile(np.eye(4), (4, 1, 1))
     matrices[[1, 3], 0, 3] = -one * LENGTH
     matrices[[2, 3], 1, 3] = -other * WIDTH
-    rest = at_rest(positions, triangles, 4)
     moved = transform(blend(weights, matrices[None]), positions)[0]
     assert np.ptp(moved[:, 0]) == pytest.approx((1 - one) * LENGTH)
-    sheet = Sheet.of(positions, triangles)
-    found = measure(
-        sheet,
-        rest,
-        np.tile(np.arange(4), (len(positions), 1)),
-        weights,
-        matrices[None],
-        averages_over(sheet, WAVE),
-        wavelength=WAVE,
-        wavelengths=np.full(len(positions), WAVE),
-        radii=np.full(len(positions), WAVE),
-        slack=slack,
-        allowed=np.ones(len(positions)),
-    )
+    found = measured(positions, triangles, weights, matrices[None], slack=slack)
     return positions, found
 
 
@@ -134,20 +140,7 @@ def test_what_is_lost_fades_over_the_radius_of_the_limb(radius: float) -> None:
     share = np.clip(u / WAVE + 0.5, 0.0, 1.0)
     matrices = np.tile(np.eye(4), (1, 2, 1, 1))
     matrices[:, 1, 0, 3] = -0.05
-    sheet = Sheet.of(positions, triangles)
-    found = measure(
-        sheet,
-        at_rest(positions, triangles, 2),
-        np.tile(np.arange(2), (len(positions), 1)),
-        np.stack([1.0 - share, share], axis=1),
-        matrices,
-        averages_over(sheet, WAVE),
-        wavelength=WAVE,
-        wavelengths=np.full(len(positions), WAVE),
-        radii=np.full(len(positions), radius),
-        slack=0.0,
-        allowed=np.ones(len(positions)),
-    )
+    found = measured(positions, triangles, np.stack([1.0 - share, share], axis=1), matrices, radius=radius)
     # The square of a height goes with what is lost.
     near, far = (found.heights[0, np.abs(u + at) < 0.02].mean() ** 2 for at in (0.4, 0.4 + radius))
     assert near / far == pytest.approx(np.e, rel=0.15)
@@ -160,20 +153,7 @@ def test_heights_go_on_along_crests_and_are_no_lower_for_it() -> None:
     weights = np.stack([1 - u * (v < 0.5), u * (v < 0.5)], axis=1)
     matrices = np.tile(np.eye(4), (1, 2, 1, 1))
     matrices[:, 1, 0, 3] = -0.2 * LENGTH
-    sheet = Sheet.of(positions, triangles)
-    found = measure(
-        sheet,
-        at_rest(positions, triangles, 2),
-        np.tile(np.arange(2), (len(positions), 1)),
-        weights,
-        matrices,
-        averages_over(sheet, WAVE),
-        wavelength=WAVE,
-        wavelengths=np.full(len(positions), WAVE),
-        radii=np.full(len(positions), WAVE),
-        slack=0.0,
-        allowed=np.ones(len(positions)),
-    ).heights[0]
+    found = measured(positions, triangles, weights, matrices).heights[0]
     middle = np.abs(u - 0.5) < 0.1
     assert np.median(found[middle & (v < 0.2)]) == pytest.approx(WAVE / np.pi * np.sqrt(0.2 * 0.8), rel=0.05)
     assert found[middle & (np.abs(v - 0.7) < 0.03)].min() > 0.01 * WAVE
@@ -188,20 +168,7 @@ def test_nothing_is_drawn_out_to_where_the_surface_is_taut() -> None:
     matrices = np.tile(np.eye(4), (2, 3, 1, 1))
     matrices[:, 1, 0, 3] = -0.3 * LENGTH
     matrices[:, 2, 0, 3] = np.array([0.0, 0.2]) * LENGTH
-    sheet = Sheet.of(positions, triangles)
-    found = measure(
-        sheet,
-        at_rest(positions, triangles, 3),
-        np.tile(np.arange(3), (len(positions), 1)),
-        weights,
-        matrices,
-        averages_over(sheet, WAVE),
-        wavelength=WAVE,
-        wavelengths=np.full(len(positions), WAVE),
-        radii=np.full(len(positions), WAVE),
-        slack=SLACK,
-        allowed=np.ones(len(positions)),
-    )
+    found = measured(positions, triangles, weights, matrices, slack=SLACK)
     level, taut = found.heights
     near = (v > 0.68) & (v < 0.8) & (u > 0.3) & (u < 0.7)
     assert level[near].max() > 0.01 * WAVE
