@@ -297,7 +297,7 @@ def test_make_bakes_all_without_a_warning_and_again_only_what_changed(tmp_path: 
 
 @pytest.mark.slow
 def test_contact_settles_in_the_elbow_of_its_picture(tmp_path: Path) -> None:
-    """That is so at other angles, too, if the solver knows the whole limb and not only what it may move."""
+    """The solver knows the whole limb: with only what it may move, it settles neither at this angle nor near it."""
     (tmp_path / "arm.glb").write_bytes(to_glb(arm()))
     tools = {"version": 1, "refinement": {"max_levels": 2}, "tools": [{**ELBOW, "contact": "resolve"}]}
     (tmp_path / "tools.yaml").write_text(yaml.safe_dump(tools), encoding="utf-8")

@@ -106,7 +106,7 @@ def bake(
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What all steps of a bake share."""
+    """A bake that runs: its job, its clock and its progress, which all steps share."""
 
     job: Job
     clock: StageClock

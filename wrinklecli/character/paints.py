@@ -94,7 +94,7 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
 
 
 def read_opacity(document: Document, primitive: Json, count: int) -> Opacity | None:
-    """What shows of a primitive of so many vertices, None for all; errors as of `read_texture`."""
+    """Read how opaque a primitive of so many vertices is; None if all shows. Errors are those of `read_texture`."""
     cutoff, info = _cutoff(material_of(document, primitive)), texture_info(document, primitive)
     mask = _mask(document, info) if info and cutoff > 0 else None
     return Opacity(_alphas(document, primitive, count), cutoff, mask) if cutoff > 0 else None

@@ -149,12 +149,12 @@ def skin_parts(plan: MeshPlan) -> list[Part]:
 
 
 def patch_parts(plan: MeshPlan) -> list[Part]:
-    """Those of them that lie on patches and measure a segment: tools, but no fields."""
+    """The parts that lie on patches and measure a segment: tools, but no fields."""
     return [part for part in skin_parts(plan) if part.attached.segment is not None]
 
 
 def outlined_parts(plan: MeshPlan) -> list[Part]:
-    """Those that move the body below the skin: muscles, flesh and touches."""
+    """The parts that move the body below the skin: muscles, flesh and touches."""
     return [part for part in plan.parts if part.attached.moves is not None]
 
 

@@ -110,7 +110,7 @@ def test_crests_run_aslant_to_either_side() -> None:
 
 
 def test_one_family_leads_over_a_length() -> None:
-    """Where one is high the other is low, and along a crest they change hands after several wavelengths."""
+    """One family is high where the other is low, and both change hands along a crest after several wavelengths."""
     positions = plane(2.0, 2.0, 40)[0]
     normals, directions = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0, 1], [-1.0, 0, 0, 0, 0, 0]))
     lengths = []

@@ -36,7 +36,7 @@ def describe_tool(plan: MeshPlan, carried: CarriedPatch, region: int, targets: t
 
 
 def _describe_surface(patch: Patch, fine: Refinement, region: int) -> Json:
-    """What its mask leaves of a tool, and what refinement does to the surface under it."""
+    """Describe how much of a tool its mask leaves, and what refinement does to the surface under it."""
     return {
         **({} if patch.mask is None else {"mask": significant(patch.mask_share)}),
         "scheme": fine.schemes[region],
