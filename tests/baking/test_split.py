@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import wrinklecli
-from kit.asset import ARRAY_BUFFER, Asset, attribute
+from kit.asset import ARRAY_BUFFER, Asset
 from kit.bakes import bake_config
 from kit.clients import assert_valid, drive, pose_each, target_bytes
 from kit.engines import babylon_pose
 from kit.fields import sleeve, sleeve_and_field
-from kit.garments import with_attribute
+from kit.garments import thinner
 from kit.golden import Golden
 from kit.limb import limb_asset, tool, write_tools
 from kit.player import Gltf, Json
@@ -246,9 +246,7 @@ def test_a_field_is_split_between_its_joints(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(parts, "_WORTH", worth)
     monkeypatch.setattr(split, "_MATTERS", 0)
     _, tools = sleeve_and_field(tmp_path, wavelength="12%")
-    thick = sleeve(rings=41, sides=12)
-    thin = with_attribute(thick, "POSITION", attribute(thick, 0, "POSITION") * np.array([1.0, 0.6, 0.6], np.float32))
-    asset = thin.write(tmp_path / "sleeve.glb")
+    asset = thinner(sleeve(rings=41, sides=12), 0.6).write(tmp_path / "sleeve.glb")
     made = wrinklecli.bake(asset, tools, tmp_path / "split.glb", split=True)
     parted = Gltf(tmp_path / "split.glb")
     assert_valid(parted.path)

@@ -81,6 +81,12 @@ def plane(length: float, width: float, cells: int) -> tuple[Floats, Array]:
     return positions, np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
 
 
+def thinner(asset: Asset, share: float) -> Asset:
+    """The asset of a tube along x, as thick as a share of what it was."""
+    places = attribute(asset, 0, "POSITION")
+    return with_attribute(asset, "POSITION", places * np.array([1.0, share, share], places.dtype))
+
+
 def with_attribute(asset: Asset, name: str, values: Array) -> Asset:
     """An asset whose only primitive has one attribute more."""
     (primitive,) = asset.gltf["meshes"][0]["primitives"]
