@@ -53,8 +53,6 @@ bl_info = {
     "category": "Animation",
 }
 
-Point = tuple[float, float, float]
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -187,15 +185,7 @@ def other_side(name: str) -> str:
 
 def other_side_of_text(text: str) -> str:
     """The names in a line of YAML with left and right exchanged."""
-    return re.sub(r"[^\[\]{},\"']+", lambda word: other_side(word[0].strip()).join(_margins(word[0])), text)
-
-
-def _margins(word: str) -> tuple[str, str]:
-    core = word.strip()
-    if not core:
-        return word, ""
-    start = word.index(core)
-    return word[:start], word[start + len(core) :]
+    return re.sub(r"[^\[\]{},\"']+", lambda word: other_side(word[0]), text)
 
 
 def free_name(stem: str, taken: Collection[str]) -> str:
@@ -278,8 +268,7 @@ def _bounds(key_schema: Mapping[str, Any], *, percent: bool) -> dict[str, float]
     if percent:
         said = (re.search(r"percentage from ([\d.]+)% to ([\d.]+)%", part.get("errorMessage", "")) for part in parts)
         return next(({"min": float(each[1]), "max": float(each[2])} for each in said if each), {})
-    with_numbers = (part for part in parts if "minimum" in part or "maximum" in part)
-    part = next(with_numbers, {})
+    part = next((part for part in parts if "minimum" in part or "maximum" in part), {})
     return {short: part[name] for short, name in (("min", "minimum"), ("max", "maximum")) if name in part}
 
 
@@ -309,16 +298,15 @@ def field(key_schema: Mapping[str, Any], text: str) -> Field:
     """The custom property that holds a value, given as YAML: a number with its range, a switch, or the text itself."""
     shown: dict[str, Any] = {"description": key_schema.get("description", "")}
     text = text.strip()
-    if percent := _PERCENT.fullmatch(text):
-        ends = _bounds(key_schema, percent=True) | _slides(key_schema, percent=True)
+    percent = _PERCENT.fullmatch(text)
+    ends = _bounds(key_schema, percent=bool(percent)) | _slides(key_schema, percent=bool(percent))
+    if percent:
         return Field(float(percent[1]), shown | ends | {"subtype": "PERCENTAGE"})
     if text in ("true", "false"):
         return Field(text == "true", shown)
     if _NUMBER.fullmatch(text) and (not choices(key_schema) or "anyOf" in key_schema):
-        bounds = _bounds(key_schema, percent=False) | _slides(key_schema, percent=False)
-        if _is_whole(key_schema):
-            return Field(int(float(text)), shown | {end: int(each) for end, each in bounds.items()})
-        return Field(float(text), shown | bounds)
+        number = int if _is_whole(key_schema) else float
+        return Field(number(float(text)), shown | {end: number(each) for end, each in ends.items()})
     return Field(text, shown)
 
 
@@ -433,7 +421,6 @@ _NEW_RADIUS = {"flesh": 0.1, "touches": 0.015}
 _MUSCLE_DEPTH = 0.5
 _COLLECTION = "Wrinkle tools"
 _PREVIEWS = "Wrinkle preview"
-_UNDO = {"REGISTER", "UNDO"}
 
 
 def kind_of(thing: Any) -> str:
@@ -552,21 +539,21 @@ class Skin:
         return max(sums, key=lambda name: sums[name]) if any(sums.values()) else ""
 
 
-def _carrier(empty: Any, *, at_rest: bool) -> Any:
-    """The matrix of what carries an empty, at rest or in the shown pose, world space."""
+def _carrier(empty: Any) -> Any:
+    """The matrix of what carries an empty in the rest pose, world space."""
     parent = empty.parent
     if parent is None:
         return Matrix()
     if empty.parent_type != "BONE":
         return parent.matrix_world @ empty.matrix_parent_inverse
     bone = parent.data.bones[empty.parent_bone]
-    pose = bone.matrix_local if at_rest else parent.pose.bones[empty.parent_bone].matrix
-    return parent.matrix_world @ pose @ Matrix.Translation((0, bone.length, 0)) @ empty.matrix_parent_inverse
+    tail = bone.matrix_local @ Matrix.Translation((0, bone.length, 0))
+    return parent.matrix_world @ tail @ empty.matrix_parent_inverse
 
 
 def at_rest(empty: Any) -> Any:
     """(4, 4) matrix of an empty in the rest pose, world space."""
-    return _carrier(empty, at_rest=True) @ empty.matrix_basis
+    return _carrier(empty) @ empty.matrix_basis
 
 
 def _collection(scene: Any, name: str) -> Any:
@@ -609,7 +596,7 @@ def make_tool(scene: Any, kind: str, name: str, skin: Skin, places: Sequence[tup
             empty.parent, empty.parent_type, empty.parent_bone = skin.armature, "BONE", bone
         else:
             empty.parent = skin.body
-        empty.matrix_basis = Matrix.Translation(_carrier(empty, at_rest=True).inverted() @ Vector(place))
+        empty.matrix_basis = Matrix.Translation(_carrier(empty).inverted() @ Vector(place))
     _name(tool, name)
     scene["wrinkle_active"] = tool
     return tool
@@ -1080,12 +1067,12 @@ def _put_beside(scene: Any, body: Any, made: Any) -> None:
     for collection in [*made.users_collection]:
         collection.objects.unlink(made)
     _collection(scene, _PREVIEWS).objects.link(made)
-    originals = {_stem(slot.material.name): slot.material for slot in body.material_slots if slot.material}
-    exact = {slot.material.name: slot.material for slot in body.material_slots if slot.material}
+    originals = [slot.material for slot in body.material_slots if slot.material]
+    by_name = {_stem(each.name): each for each in originals} | {each.name: each for each in originals}
     for slot in made.material_slots:
         if slot.material is not None:
             name = slot.material.name
-            slot.material = exact.get(name) or originals.get(_stem(name)) or slot.material
+            slot.material = by_name.get(name) or by_name.get(_stem(name)) or slot.material
     # Since 4.4 an action also moves the imported armature, and would be exported as a clip of the original.
     for action in _actions_of(made):
         for slot in [each for each in getattr(action, "slots", ()) if each.target_id_type != "KEY"]:
@@ -1155,8 +1142,7 @@ def schema() -> Mapping[str, Any]:
 
 @cache
 def _schema_of(program: str) -> Mapping[str, Any]:
-    ran = subprocess.run([program, "schema"], capture_output=True, check=True, **quiet_start())
-    found: Mapping[str, Any] = json.loads(ran.stdout)
+    found = _answer([program, "schema"])
     for key in {key for kind in KINDS for key, each in keys_of(found, kind).items() if choices(each)}:
         _offer_choices(found, key)
     return found
@@ -1168,12 +1154,16 @@ def read_tools(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: `wrinkle` says what is wrong with it.
     """
-    line = [command(), "schema", "--read", str(path)]
-    ran = subprocess.run(line, capture_output=True, text=True, encoding="utf-8", check=False, **quiet_start())
+    return _answer([command(), "schema", "--read", str(path)])
+
+
+def _answer(command_line: Sequence[str]) -> dict[str, Any]:
+    """The object that a command prints as JSON; ValueError with what it says if it fails."""
+    ran = subprocess.run(command_line, capture_output=True, text=True, encoding="utf-8", check=False, **quiet_start())
     if ran.returncode:
         raise ValueError(ran.stderr.strip())
-    values: dict[str, Any] = json.loads(ran.stdout)
-    return values
+    found: dict[str, Any] = json.loads(ran.stdout)
+    return found
 
 
 def _offer_choices(found: Mapping[str, Any], key: str) -> None:
@@ -1259,15 +1249,14 @@ def _folder() -> Path:
     return Path(bpy.app.tempdir or tempfile.gettempdir())
 
 
-@contextmanager
-def asset_and_tools(context: Any) -> Iterator[tuple[Path, Path, list[Any]]]:
-    """Export the active mesh with its tools to temporary files; the caller removes the tools file.
+def asset_and_tools(context: Any) -> tuple[Path, Path, list[Any]]:
+    """Export the active mesh, and others with it, and its tools to temporary files; the caller removes the tools file.
 
     The tools file stands in the folder of the one that was loaded, if there is one, since it may name files beside it.
     """
     body = body_at(context)
     bodies = bodies_with(body, context.scene)
-    known = context.scene.get("wrinkle_folder", "")
+    known = os.path.dirname(context.scene.get("wrinkle_path", ""))
     with kept(context, bodies):
         asset = _folder() / f"wrinkle_{re.sub(r'[^A-Za-z0-9]', '_', body.name)}.glb"
         export_asset(context, bodies, asset)
@@ -1276,7 +1265,7 @@ def asset_and_tools(context: Any) -> Iterator[tuple[Path, Path, list[Any]]]:
     handle, name = tempfile.mkstemp(".yaml", ".wrinkle_", known if os.path.isdir(known) else _folder())
     with os.fdopen(handle, "w", encoding="utf-8") as file:
         file.write(text)
-    yield asset, Path(name), bodies
+    return asset, Path(name), bodies
 
 
 class glTF2ExportUserExtension:  # noqa: N801 (the exporter looks for this name)
@@ -1301,21 +1290,27 @@ def _material_items(words: tuple[str, ...]) -> list[tuple[str, str, str]]:
 def _materials() -> list[tuple[str, str, str]]:
     """The materials and presets that a new tool may have, `none` first."""
     known: list[str] = []
-    with suppress(OSError, subprocess.CalledProcessError):
+    with suppress(OSError, ValueError):
         known = choices(keys_of(schema(), "tools")["material"])
     return _material_items(("none", *(each for each in known if each != "none")))
 
 
 class _Operator(bpy.types.Operator):
-    """Reports what is wrong as a line, and changes nothing then."""
+    """Reports what is wrong as a line, and changes nothing then. The class's name gives its id and its label."""
 
-    bl_options = _UNDO
+    bl_options = {"REGISTER", "UNDO"}
+
+    def __init_subclass__(cls) -> None:
+        """Blender's id and label of `SetKey` are `wrinkle.set_key` and "Set key"."""
+        words = re.sub(r"(?<=.)(?=[A-Z])", " ", cls.__name__).lower()
+        cls.bl_idname = f"wrinkle.{words.replace(' ', '_')}"
+        cls.bl_label = vars(cls).get("bl_label", words.capitalize())
 
     def execute(self, context: Any) -> set[str]:
         """Do it."""
         try:
             self.act(context)
-        except (ValueError, OSError, subprocess.CalledProcessError) as error:
+        except (ValueError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
@@ -1323,6 +1318,26 @@ class _Operator(bpy.types.Operator):
     def act(self, context: Any) -> None:
         """Do it; raises ValueError with a line for the user."""
         raise NotImplementedError
+
+
+class _Run(_Operator):
+    """Starts or ends a command in the background, which no step can undo."""
+
+    bl_options = {"REGISTER"}
+
+
+class _OnFile:
+    """Asks for a file first: by the name that a key of the scene remembers, or else by the usual one."""
+
+    remembered = ("wrinkle_path", "tools.yaml")
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
+    filter_glob: bpy.props.StringProperty(default="*.yaml;*.yml", options={"HIDDEN"})
+
+    def invoke(self, context: Any, _event: Any) -> set[str]:
+        """Ask for it."""
+        self.filepath = context.scene.get(*self.remembered)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
 
 
 class _OnTool(_Operator):
@@ -1337,7 +1352,6 @@ class _OnTool(_Operator):
 class Add(_Operator):
     """Add a tool at the picked vertices: two for a wrinkle or a muscle, one for flesh or a touch; a field needs none"""
 
-    bl_idname = "wrinkle.add"
     bl_label = "Add wrinkle"
 
     kind: bpy.props.EnumProperty(name="Kind", items=[(key, each.title.title(), "") for key, each in KINDS.items()])
@@ -1403,9 +1417,6 @@ class Add(_Operator):
 class SetKey(_OnTool):
     """Set a key of the tool, as it would stand in YAML: 5, 80%, cloth, {walk: 0.8}"""
 
-    bl_idname = "wrinkle.set_key"
-    bl_label = "Set key"
-
     key: bpy.props.StringProperty(name="Key")
     text: bpy.props.StringProperty(name="Value")
 
@@ -1428,9 +1439,6 @@ class SetKey(_OnTool):
 class UnsetKey(_OnTool):
     """Remove the key, so that its default or the material's value holds"""
 
-    bl_idname = "wrinkle.unset_key"
-    bl_label = "Unset key"
-
     key: bpy.props.StringProperty(name="Key")
 
     def act(self, context: Any) -> None:
@@ -1440,9 +1448,6 @@ class UnsetKey(_OnTool):
 
 class Rename(_OnTool):
     """Rename the tool and its empties"""
-
-    bl_idname = "wrinkle.rename"
-    bl_label = "Rename"
 
     name: bpy.props.StringProperty(name="Name")
 
@@ -1463,9 +1468,6 @@ class Rename(_OnTool):
 class Copy(_OnTool):
     """Copy the tool, in the same place"""
 
-    bl_idname = "wrinkle.copy"
-    bl_label = "Copy"
-
     def act(self, context: Any) -> None:
         """Copy it."""
         tool = tool_at(context)
@@ -1473,11 +1475,8 @@ class Copy(_OnTool):
         _copied(context, tool, free_name(f"{tool['name']}_2", taken), lambda place: place, lambda text: text)
 
 
-class MirrorTool(_OnTool):
+class Mirror(_OnTool):
     """Make the tool of the other side, x negated: left and right change places in its names"""
-
-    bl_idname = "wrinkle.mirror"
-    bl_label = "Mirror"
 
     def act(self, context: Any) -> None:
         """Make the other side's."""
@@ -1515,9 +1514,6 @@ def _copied(context: Any, tool: Any, name: str, moved: Callable[[Any], Any], nam
 class Delete(_OnTool):
     """Delete the tool and its empties"""
 
-    bl_idname = "wrinkle.delete"
-    bl_label = "Delete"
-
     def act(self, context: Any) -> None:
         """Delete it."""
         delete_tool(tool_at(context))
@@ -1526,7 +1522,6 @@ class Delete(_OnTool):
 class Select(_Operator):
     """Show the keys of this tool in the panel"""
 
-    bl_idname = "wrinkle.select"
     bl_label = "Select tool"
 
     name: bpy.props.StringProperty(name="Name")
@@ -1555,12 +1550,8 @@ def _load(context: Any, path: Path) -> None:
             draw_tool(tool)
 
 
-class Suggest(_Operator):
+class Suggest(_Run):
     """Propose tools where the actions compress the mesh, in place of those of the same names"""
-
-    bl_idname = "wrinkle.suggest"
-    bl_label = "Suggest"
-    bl_options = {"REGISTER"}
 
     def act(self, context: Any) -> None:
         """Start it."""
@@ -1574,21 +1565,12 @@ class Suggest(_Operator):
         start(line, tools, lambda: _load(bpy.context, tools), "suggest")
 
 
-class Save(_Operator):
+class Save(_OnFile, _Operator):
     """Write the tools of the mesh as YAML, with z up"""
 
-    bl_idname = "wrinkle.save"
     bl_label = "Save tools"
 
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
-    filter_glob: bpy.props.StringProperty(default="*.yaml;*.yml", options={"HIDDEN"})
     check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    def invoke(self, context: Any, _event: Any) -> set[str]:
-        """Ask for the file."""
-        self.filepath = context.scene.get("wrinkle_path", "") or "tools.yaml"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def act(self, context: Any) -> None:
         """Write it."""
@@ -1598,88 +1580,61 @@ class Save(_Operator):
             text = file_text(context.scene, bodies)
         path = Path(bpy.path.abspath(self.filepath))
         path.write_text(text, encoding="utf-8")
-        context.scene["wrinkle_path"], context.scene["wrinkle_folder"] = str(path), str(path.parent)
+        context.scene["wrinkle_path"] = str(path)
 
 
-class Load(_Operator):
+class Load(_OnFile, _Operator):
     """Read tools from YAML, in place of those of the same names. Comments of the file are not kept"""
 
-    bl_idname = "wrinkle.load"
     bl_label = "Load tools"
-
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
-    filter_glob: bpy.props.StringProperty(default="*.yaml;*.yml", options={"HIDDEN"})
-
-    def invoke(self, context: Any, _event: Any) -> set[str]:
-        """Ask for the file."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def act(self, context: Any) -> None:
         """Read it."""
         path = Path(bpy.path.abspath(self.filepath))
         _load(context, path)
-        context.scene["wrinkle_path"], context.scene["wrinkle_folder"] = str(path), str(path.parent)
+        context.scene["wrinkle_path"] = str(path)
 
 
-class Preview(_Operator):
+class Preview(_Run):
     """Bake a draft in the background, and show it in place of the mesh, playing. The mesh itself stays as it is"""
-
-    bl_idname = "wrinkle.preview"
-    bl_label = "Preview"
-    bl_options = {"REGISTER"}
 
     def act(self, context: Any) -> None:
         """Start it."""
         program = command()
-        with asset_and_tools(context) as (asset, tools, bodies):
-            out = asset.with_name(f"{asset.stem}_baked.glb")
-            names = [each.name for each in bodies]
+        asset, tools, bodies = asset_and_tools(context)
+        out = asset.with_name(f"{asset.stem}_baked.glb")
+        names = [each.name for each in bodies]
 
-            def done() -> None:
-                known = [bpy.data.objects[name] for name in names if name in bpy.data.objects]
-                with kept(bpy.context, known):
-                    previews = import_preview(bpy.context, out, known)
-                if not previews:
-                    raise ValueError("preview: the baked file has none of these meshes")
-                show(bpy.context, previews=True)
-                screen = bpy.context.screen
-                if screen is not None and not screen.is_animation_playing and not bpy.app.background:
-                    bpy.ops.screen.animation_play()
+        def done() -> None:
+            known = [bpy.data.objects[name] for name in names if name in bpy.data.objects]
+            with kept(bpy.context, known):
+                previews = import_preview(bpy.context, out, known)
+            if not previews:
+                raise ValueError("preview: the baked file has none of these meshes")
+            show(bpy.context, previews=True)
+            screen = bpy.context.screen
+            if screen is not None and not screen.is_animation_playing and not bpy.app.background:
+                bpy.ops.screen.animation_play()
 
-            start(bake_command(program, asset, tools, out, draft=True), tools, done, "preview")
+        start(bake_command(program, asset, tools, out, draft=True), tools, done, "preview")
 
 
-class Bake(_Operator):
+class Bake(_OnFile, _Run):
     """Bake the mesh with its tools to a .glb file, in the background"""
 
-    bl_idname = "wrinkle.bake"
-    bl_label = "Bake"
-    bl_options = {"REGISTER"}
-
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
+    remembered = ("", "wrinkled.glb")  # no key of the scene, which the exporter would write into the file
     filter_glob: bpy.props.StringProperty(default="*.glb", options={"HIDDEN"})
     check_existing: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
-
-    def invoke(self, context: Any, _event: Any) -> set[str]:
-        """Ask for the file."""
-        self.filepath = "wrinkled.glb"
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def act(self, context: Any) -> None:
         """Start it."""
         program, out = command(), Path(bpy.path.abspath(self.filepath))
-        with asset_and_tools(context) as (asset, tools, _):
-            start(bake_command(program, asset, tools, out, draft=False), tools, lambda: None, "bake")
+        asset, tools, _ = asset_and_tools(context)
+        start(bake_command(program, asset, tools, out, draft=False), tools, lambda: None, "bake")
 
 
-class Cancel(_Operator):
+class Cancel(_Run):
     """Stop the bake"""
-
-    bl_idname = "wrinkle.cancel"
-    bl_label = "Cancel"
-    bl_options = {"REGISTER"}
 
     def act(self, _context: Any) -> None:
         """Stop it."""
@@ -1690,7 +1645,6 @@ class Cancel(_Operator):
 class Compare(_Operator):
     """Show the preview or the original"""
 
-    bl_idname = "wrinkle.compare"
     bl_label = "Before / after"
 
     def act(self, context: Any) -> None:
@@ -1715,28 +1669,23 @@ def show(context: Any, *, previews: bool) -> None:
                     body.select_set(bool(each.get("wrinkle_selected")))
 
 
-class Edit(_Operator):
+class Edit(_Run):
     """Export the mesh and open `wrinkle edit` on it in a browser; Load tools then reads what was saved there"""
 
-    bl_idname = "wrinkle.edit"
     bl_label = "Edit in browser"
-    bl_options = {"REGISTER"}
 
     def act(self, context: Any) -> None:
         """Start it; one that runs is ended."""
         global _editor
         program = command()
         stop_editor()
-        with asset_and_tools(context) as (asset, tools, _):
-            kept_path = asset.with_suffix(".yaml")
-            if known := context.scene.get("wrinkle_path"):
-                kept_path = Path(known)
-            os.replace(tools, kept_path)
-            context.scene["wrinkle_path"] = str(kept_path)
-            context.scene["wrinkle_folder"] = str(kept_path.parent)
-            options = ["--no-browser", "--port", "0"] if bpy.app.background else []
-            line = [program, "edit", str(asset), str(kept_path), *options]
-            _editor = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, **quiet_start())
+        asset, tools, _ = asset_and_tools(context)
+        path = context.scene.get("wrinkle_path", str(asset.with_suffix(".yaml")))
+        os.replace(tools, path)
+        context.scene["wrinkle_path"] = path
+        options = ["--no-browser", "--port", "0"] if bpy.app.background else []
+        line = [program, "edit", str(asset), path, *options]
+        _editor = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, **quiet_start())
 
 
 def stop_all() -> None:
@@ -1816,7 +1765,7 @@ class Tools(bpy.types.Panel):
             edits.operator(f"wrinkle.{each}")
         try:
             known = keys_of(schema(), kind_of(tool))
-        except (OSError, subprocess.CalledProcessError) as error:
+        except (OSError, ValueError) as error:
             box.label(text=str(error), icon="ERROR")
             return
         for key, key_schema in known.items():
@@ -1864,7 +1813,7 @@ class Tools(bpy.types.Panel):
 
 
 _CLASSES = (
-    Add, SetKey, UnsetKey, Rename, Copy, MirrorTool, Delete, Select, Suggest, Save, Load, Preview, Bake, Cancel,
+    Add, SetKey, UnsetKey, Rename, Copy, Mirror, Delete, Select, Suggest, Save, Load, Preview, Bake, Cancel,
     Compare, Edit, Preferences, Tools,
 )  # fmt: skip
 
