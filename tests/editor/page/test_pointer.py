@@ -13,8 +13,10 @@ import yaml
 from kit.browser import until
 from kit.limb import limb
 from kit.touch import GRIP, PAD, plate, touch
+from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.page import _SLIDE_SECONDS, Page
+from wrinklecli.editor.page.tab import one_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.widgets import BAD
 from wrinklecli.editor.session import Session
@@ -110,7 +112,7 @@ def test_a_message_repeats_no_warning_that_stands_below_it(page: Page) -> None:
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("nearly", [0.0, 1e-9, 1e-3, -5e-3])
 def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None:
-    page._pointer._begin("tools")
+    page._pointer.press("tools")
     assert "where it ends" in click(page, -0.3)
     assert click(page, -0.3 + nearly) == "It began there. Click another place, or Cancel."
     assert click(page, -0.3, nearly) == "It began there. Click another place, or Cancel."
@@ -122,7 +124,7 @@ def test_two_clicks_on_one_spot_leave_one_end(page: Page, nearly: float) -> None
 
 
 def test_a_click_beside_the_mesh_leaves_the_new_tool_as_it_is(page: Page) -> None:
-    page._pointer._begin("tools")
+    page._pointer.press("tools")
     assert click(page, 9.0) == "There is no mesh. Click where the tool begins. It runs across the wrinkles."
     click(page, -0.3)
     assert click(page, 9.0) == "There is no mesh. Now click where it ends."
@@ -133,7 +135,7 @@ def test_a_tool_that_is_refused_leaves_its_first_end(page: Page, monkeypatch: py
     def refused(*_: object, **__: object) -> str:
         raise ConfigError("same as origin", where="tools[2].target")
 
-    page._pointer._begin("tools")
+    page._pointer.press("tools")
     click(page, -0.3)
     with monkeypatch.context() as patched:
         patched.setattr(page.session, "add", refused)
@@ -144,7 +146,7 @@ def test_a_tool_that_is_refused_leaves_its_first_end(page: Page, monkeypatch: py
 @pytest.mark.slow
 def test_a_typed_value_that_is_refused_takes_no_click_away(page: Page) -> None:
     page.choose("a", look=False)
-    page._pointer._begin("tools")
+    page._pointer.press("tools")
     click(page, -0.3)
     page._commit_later("bumps", 9.0, lambda: page.session.set_value("a", ("bumps",), 99))
     assert "found 99" in click(page, 0.3)
@@ -268,7 +270,7 @@ def test_a_tool_of_the_list_is_shown_where_it_is_tallest(page: Page) -> None:
 
 @pytest.mark.slow
 def test_two_clicks_make_a_muscle(page: Page) -> None:
-    page._pointer._begin("muscles")
+    page._pointer.press("muscles")
     assert "Click the skin above where the muscle begins" in said(page)
     assert "There is no mesh" in click(page, 5.0)
     click(page, -0.8)
@@ -277,14 +279,14 @@ def test_two_clicks_make_a_muscle(page: Page) -> None:
     assert [entry[key]["joint"] for key in ("origin", "insertion")] == ["joint_0", "joint_1"]
     assert page._pointer._new is None
     # The next new tool is a tool again.
-    page._pointer._begin("tools")
+    page._pointer.press("tools")
     click(page, -0.3)
     click(page, 0.3)
     assert len(yaml.safe_load(page.session.text)["tools"]) == 3
 
 
 def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) -> None:
-    page._pointer._begin("fields")
+    page._pointer.press("fields")
     assert page._pointer._buttons.content.count("Cancel") == 1
     assert click(page, 9.0) == "There is no mesh. Click the garment that folds."
     for x in (-0.3, 0.3):
@@ -293,9 +295,9 @@ def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) 
         assert message.endswith("\nClick another place, or Cancel.")
     page._pointer.give_up()
     assert "Cancel" not in page._pointer._buttons.content
-    begun = []
+    begun, press = [], one_of(lambda: [*NEW_KINDS], page._pointer.press)
     for number in ("2", "0", "0", "9", "x"):  # a muscle, a tool in its place, the tool's button again, and no button
-        page._pointer.press(number, None)  # type: ignore[arg-type]
+        press(number, None)  # type: ignore[arg-type]
         begun.append(page._pointer._new)
     assert begun == ["muscles", "tools", None, None, None]
     click(page, -0.3)
@@ -306,7 +308,7 @@ def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) 
 @pytest.mark.slow
 @pytest.mark.long
 def test_two_clicks_make_flesh(page: Page) -> None:
-    page._pointer._begin("flesh")
+    page._pointer.press("flesh")
     assert "Click the middle of flesh" in said(page)
     click(page, -0.5)
     assert "flesh_1 is new: play a clip that moves the body" in click(page, -0.2)
@@ -318,7 +320,7 @@ def test_two_clicks_make_flesh(page: Page) -> None:
 @pytest.mark.long
 def test_two_clicks_make_a_touch_that_the_shown_clip_drags(page: Page) -> None:
     page.player.go("fold", 0.0)
-    page._pointer._begin("touches")
+    page._pointer.press("touches")
     assert "Click the skin that a tip touches" in said(page)
     click(page, -0.6)
     assert "touch_1 is new: play the clip" in click(page, -0.5)

@@ -62,7 +62,9 @@ class DrawnScene:
         self._lines: dict[str, viser.LineSegmentsHandle] = {}
         self._dots: dict[tuple[str, int], viser.IcosphereHandle] = {}
         self._pointed: list[tuple[SurfacePoints, viser.IcosphereHandle]] = []
-        self._line: viser.LineSegmentsHandle | None = None
+        self._line = self._scene.add_line_segments(
+            "/asset/line", np.zeros((1, 2, 3)), _bytes_of(HINT), thickness_units="screen", visible=False
+        )
         self._outlines: tuple[ToolOutline, ...] = ()
         self._chosen: str | None = None
         self._size = 1.0
@@ -168,13 +170,8 @@ class DrawnScene:
         if len(self._pointed) == 2:
             (spot, dot), (_, other) = self._pointed
             line = line_between(self._bodies[spot.body], points[spot.body], dot.position, other.position)
-        if self._line is not None:
-            show_changed(self._line, "visible", len(line) > 0)
-        if len(line) and self._line is None:
-            self._line = self._scene.add_line_segments(
-                "/asset/line", line, _bytes_of(HINT), thickness=_CHOSEN_LINE, thickness_units="screen"
-            )
-        elif len(line) and self._line is not None:
+        show_changed(self._line, "visible", len(line) > 0)
+        if len(line):
             self._line.points = line.astype(np.float32)
 
     def _show_dots(self, outline: ToolOutline, places: Floats) -> None:

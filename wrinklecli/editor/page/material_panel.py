@@ -7,7 +7,6 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.page.pictures import ONE, after_alone, image
-from wrinklecli.editor.page.tab import chosen_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, show_changed
@@ -18,13 +17,13 @@ _TITLE = "Materials"
 
 
 class MaterialPanel:
-    """Pictures of materials, at the current place of the panel."""
+    """Pictures of materials, with their `titles` by name, at the current place of the panel."""
 
     def __init__(self, page: PageHost, viewport: Viewport) -> None:
         self._page, self._session, self._viewport = page, page.session, viewport
         known = page.session.presets
         own = page.session.settings().presets
-        self._titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
+        self.titles = {name: known[name].title for name in dict.fromkeys([*own, *known])}
         self._tool: str | None = None
         self._shown = 0  # tools so far
         self._waiting = 0  # pictures that are not drawn yet
@@ -46,10 +45,10 @@ class MaterialPanel:
 
     def draw(self, _value: str, _tab: viser.ClientHandle) -> None:
         """Draw the pictures that are not there yet, as their folder is open."""
-        if self._tool is None or self._waiting or len(self._pictures) == len(self._titles):
+        if self._tool is None or self._waiting or len(self._pictures) == len(self.titles):
             return
-        self._time, self._waiting = None, len(self._titles)
-        for name in self._titles:
+        self._time, self._waiting = None, len(self.titles)
+        for name in self.titles:
             self._page.slow.put(("material", name), partial(self._draw, self._tool, name))
 
     def give_up(self) -> bool:
@@ -74,17 +73,13 @@ class MaterialPanel:
             if picture is not None:
                 self._pictures[name] = picture
                 self._show_grid()
-            done = len(self._titles) - self._waiting
-            self._folder.label = f"{_TITLE}: {done} of {len(self._titles)}" if self._waiting else _TITLE
+            done = len(self.titles) - self._waiting
+            self._folder.label = f"{_TITLE}: {done} of {len(self.titles)}" if self._waiting else _TITLE
 
         self._page.work.put(object(), show)
 
-    def take(self, number: str, _tab: viser.ClientHandle) -> None:
+    def take(self, name: str) -> None:
         """Give the chosen tool a material."""
-        chosen = chosen_of(number, len(self._titles))
-        if chosen is None:
-            return
-        name = [*self._titles][chosen]
         self._page.commit()
         tool = self._page.chosen
         if tool is None or tool != self._tool:  # none, or one below the skin, which has no material
@@ -93,12 +88,12 @@ class MaterialPanel:
         removed = self._session.set_material(tool, name)
         self._page.refresh()
         without = f", without its own {', '.join(removed)}; Undo brings them back" if removed else ""
-        self._page.say(f"{tool}: {self._titles[name]}{without}")
+        self._page.say(f"{tool}: {self.titles[name]}{without}")
 
     def _show_grid(self) -> None:
         cells = [
             f'<div data-say="material {number}" title="{html.escape(name)}" style="cursor:pointer">'
             f"{image(self._pictures.get(name), ONE)}{html.escape(title)}</div>"
-            for number, (name, title) in enumerate(self._titles.items())
+            for number, (name, title) in enumerate(self.titles.items())
         ]
         self._grid.content = f'<div style="{_GRID}" data-seen="draw {self._shown}">{"".join(cells)}</div>'

@@ -12,6 +12,7 @@ from typing import Any
 import viser
 
 from wrinklecli.editor.baked_file import BakedFile
+from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.free_pose import POSE
 from wrinklecli.editor.page.access import Access
 from wrinklecli.editor.page.controls import ToolControls
@@ -22,7 +23,7 @@ from wrinklecli.editor.page.player import CurveChart, Player
 from wrinklecli.editor.page.pointer import Pointer
 from wrinklecli.editor.page.server import serve
 from wrinklecli.editor.page.suggestions import SuggestPanel
-from wrinklecli.editor.page.tab import chosen_of, run_script
+from wrinklecli.editor.page.tab import one_of, run_script
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import (
@@ -204,14 +205,14 @@ class Page:
             self._curve = CurveChart(gui)
         heard = {
             "reset": self._unset,
-            "choose": self._choose_number,
-            "switch": self._switch,
-            "new": self._pointer.press,
+            "choose": one_of(session.tools, lambda tool: self.choose(tool.name, look=True)),
+            "switch": one_of(session.tools, self._switch),
+            "new": one_of(lambda: [*NEW_KINDS], self._pointer.press),
             "at": self._pointer.hover,
             "light": self._viewport.light_from,
             "paint": self._brush.paint,
             "draw": self._materials.draw,
-            "material": self._materials.take,
+            "material": one_of(lambda: [*self._materials.titles], self._materials.take),
             "proposal": self._suggest_panel.point_at,
             "keys": self._show_keys,
         }
@@ -486,21 +487,11 @@ class Page:
 
         self._edit(unset)
 
-    def _choose_number(self, number: str, _tab: viser.ClientHandle) -> None:
-        """Choose the tool of a row that is pressed."""
-        tools = self.session.tools()
-        row = chosen_of(number, len(tools))
-        if row is not None:
-            self.choose(tools[row].name, look=True)
-
-    def _switch(self, number: str, _tab: viser.ClientHandle) -> None:
+    def _switch(self, tool: EditedTool) -> None:
         """Switch the tool of a row on or off."""
-        tools = self.session.tools()
-        row = chosen_of(number, len(tools))
-        if row is not None:
-            self.commit()
-            self.session.enable(tools[row].name, enabled=not tools[row].enabled)
-            self.refresh()
+        self.commit()
+        self.session.enable(tool.name, enabled=not tool.enabled)
+        self.refresh()
 
     def _show_keys(self, _value: str, _tab: viser.ClientHandle) -> None:
         """Say what each key does."""

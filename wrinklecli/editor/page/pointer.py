@@ -9,7 +9,7 @@ import viser
 from wrinklecli.editor.attached import AttachedTool
 from wrinklecli.editor.clicked import NEW_KINDS
 from wrinklecli.editor.page.key_controls import as_written, key_controls
-from wrinklecli.editor.page.tab import chosen_of, numbers_of
+from wrinklecli.editor.page.tab import numbers_of
 from wrinklecli.editor.page.viewport import Hit, Viewport
 from wrinklecli.editor.page.widgets import ASKS, BAD, PageHost, show_changed
 from wrinklecli.errors import WrinkleError
@@ -59,20 +59,15 @@ class Pointer:
         self._buttons: Any = self._page.server.gui.add_html("")
         self._show_buttons()
 
-    def press(self, number: str, _tab: viser.ClientHandle) -> None:
+    def press(self, list_key: str) -> None:
         """Begin the new effect whose button is pressed, in place of any other; or end it, if it was begun."""
-        chosen = chosen_of(number, len(NEW_KINDS))
-        if chosen is not None:
-            key, before = [*NEW_KINDS][chosen], self._new
-            self.give_up()
-            if key != before:
-                self._begin(key)
-
-    def _begin(self, list_key: str) -> None:
-        self._new = list_key
-        self._show_buttons()
-        self._viewport.seek(folds=NEW_KINDS[list_key].folds)
-        self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
+        before = self._new
+        self.give_up()
+        if list_key != before:
+            self._new = list_key
+            self._show_buttons()
+            self._viewport.seek(folds=NEW_KINDS[list_key].folds)
+            self._page.say(NEW_KINDS[list_key].asks[0], ASKS)
 
     def _show_buttons(self) -> None:
         pressed = ' aria-pressed="true" data-hover'

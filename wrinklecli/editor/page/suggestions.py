@@ -10,7 +10,6 @@ from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.drawn_scene import HINTED
 from wrinklecli.editor.page.pictures import BOTH, before_and_after, image
 from wrinklecli.editor.page.player import Player
-from wrinklecli.editor.page.tab import chosen_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, add_button, add_group, show_changed
@@ -106,9 +105,8 @@ class SuggestPanel:
 
     def point_at(self, number: str, _tab: viser.ClientHandle) -> None:
         """Outline a proposal while the mouse is over its picture."""
-        chosen = chosen_of(number, len(self._rows))
-        row = None if chosen is None else self._rows[chosen]
-        self._viewport.hint_at(None if row is None or row.raised is None else row.raised.attached)
+        raised = {str(k): row.raised for k, row in enumerate(self._rows)}.get(number)
+        self._viewport.hint_at(None if raised is None else raised.attached)
 
     def _look(self, row: _Row) -> None:
         """Go to where a proposal would be tallest."""

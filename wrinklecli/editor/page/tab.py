@@ -7,9 +7,9 @@ the view is said, too.
 
 import html
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import viser
 
@@ -17,6 +17,7 @@ from wrinklecli.editor.page.widgets import PageHost
 
 Heard: TypeAlias = Callable[[str, viser.ClientHandle], object]
 """Called with a value that a tab says, and the tab."""
+_Thing = TypeVar("_Thing")
 
 _LINE = "said by the tab"  # title of the hidden line
 # The line is hidden. viser's own notes lie below and behind the page's message, and take clicks on their buttons alone.
@@ -172,6 +173,12 @@ def numbers_of(value: str, count: int) -> list[float]:
     return found if len(found) == count and all(map(math.isfinite, found)) else [0.0] * count
 
 
-def chosen_of(value: str, count: int) -> int | None:
-    """The number of one of so many things that a value names, if it does."""
-    return int(value) if value.isascii() and value.isdigit() and int(value) < count else None
+def one_of(things: Callable[[], Sequence[_Thing]], action: Callable[[_Thing], object]) -> Heard:
+    """Let a tab say the number of a thing, for an action."""
+
+    def heard(value: str, _tab: viser.ClientHandle) -> None:
+        numbered = {str(number): thing for number, thing in enumerate(things())}
+        if value in numbered:
+            action(numbered[value])
+
+    return heard
