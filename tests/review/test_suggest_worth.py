@@ -1,6 +1,7 @@
 """Suggested tools are looked at, and those that are not worth it are left out, each for its reason."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,10 +20,11 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.gltf.document import read_document
 from wrinklecli.review.check import check
 from wrinklecli.review.suggest.fitted_tools import Suggestion
+from wrinklecli.review.suggest.stage import StagedTool
 from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.review.suggest.text import file_text
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.review.suggest.worth import Judge, Worthwhile
+from wrinklecli.review.suggest.worth import Judge, Worthwhile, _bends
 from wrinklecli.tools.records import Length, RefinementSettings, WrinkleTool
 
 sheet = partial(sheet_of, smooth=True)
@@ -76,6 +78,43 @@ def test_what_is_not_worth_it_is_left_out_for_its_reason(
     (summary,) = found.summary
     assert summary == f"'sheet': left out 1 tool not worth it: 1 {reason}; -v says more"
     assert [each.tool for each in judged(path, tool, everything=True).kept] == [tool.tool]
+
+
+def staged(profile: Sequence[tuple[float, float]], *, radius: float = math.inf) -> StagedTool:
+    """A tool along a profile of x and z with equal parts of u, drawn out along y, or around a limb of a radius."""
+    us, vs = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 1.0, 21), np.linspace(-1.0, 1.0, 21)))
+    places = np.linspace(0.0, 1.0, len(profile))
+    xs, zs = (np.interp(us, places, each) for each in np.transpose(profile))
+    points = np.stack([xs, 0.4 * vs, zs], axis=1)
+    if radius < math.inf:
+        points = np.stack([xs, radius * np.sin(0.4 * vs / radius), zs + radius * np.cos(0.4 * vs / radius)], axis=1)
+    firsts = 21 * np.arange(20)[:, None] + np.arange(20)
+    triangles = (firsts[..., None, None] + np.array([(0, 1, 21), (1, 22, 21)])).reshape(-1, 3)
+    on = np.ones(len(triangles), np.bool_)
+    return StagedTool(points, points, points, points, triangles, on, False, np.stack([us, vs], axis=1), 4)
+
+
+SHUT = [(-0.02, 1.2), (0.03, 0.85), (0.08, 0.5), (-0.3, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("profile", "radius", "closed", "around"),
+    [
+        ([(0.0, 0.0), (1.0, 0.0)], math.inf, 0.5, 0.5),
+        ([(0.0, 0.0), (1.0, 0.0)], 0.3, 0.5, 0.91),
+        ([(0.0, 1.0), (0.5, 0.5), (1.0, 1.0)], math.inf, 0.85, 0.5),
+        # Its ends, which face each other, have passed each other.
+        ([*SHUT, *((-x, z) for x, z in SHUT[::-1])], math.inf, 1.0, 0.5),
+    ],
+    ids=["plane", "limb", "valley", "shut"],
+)
+def test_a_fold_closes_and_reaches_around_a_limb(
+    profile: Sequence[tuple[float, float]], radius: float, closed: float, around: float
+) -> None:
+    found = _bends(staged(profile, radius=radius), limb=True)
+    assert found["closed"] == pytest.approx(closed, abs=0.02)
+    assert found["around"] == pytest.approx(around, abs=0.02)
+    assert all(math.isnan(each) for each in _bends(staged(profile), limb=False).values())
 
 
 def test_what_is_seen_and_harms_nothing_is_kept(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from wrinklecli.character.bones import read_bones, words_of
 from wrinklecli.character.clip import Clip
-from wrinklecli.character.rig import read_hierarchy, read_rig
 from wrinklecli.choices import Part
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.gltf.document import Document
@@ -25,10 +24,9 @@ from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.trial import TriedAsset
-from wrinklecli.surface.compression import CompressedRegion, triangle_weights
+from wrinklecli.surface.compression import triangle_weights
 from wrinklecli.surface.substance import (
     Substance,
-    is_animal,
     makeup_of,
     read_hints,
     substance_of,
@@ -59,26 +57,21 @@ def why_unfolded(name: str, *, limb: bool) -> str:
 def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
     """True for joints of parts that fold.
 
-    Joints of no part, such as hair's, fold where no elbow or knee is known. A finger folds where no head or knee is:
-    nobody sees one of a whole character.
+    Joints of no part, such as hair's and an animal's, fold where no elbow or knee is known. A finger folds where no
+    head or knee is: nobody sees one of a whole character.
     """
     others: Mapping[Part | None, tuple[Part, ...]] = {None: ("lower arm", "lower leg"), "finger": ("head", "lower leg")}
     return part in _FOLDING or (part in others and not any(each in parts for each in others[part]))
 
 
-def folding(document: Document, nodes: Iterable[int], clips: Sequence[Clip]) -> list[Clip]:
-    """The motions of a range of motion, which move a joint or a morph target each, that fold what an artist wrinkles.
-
-    Animals, of which `nodes` have the meshes, fold anywhere.
-    """
+def folding(document: Document, clips: Sequence[Clip]) -> list[Clip]:
+    """Those of a range of motion that fold what an artist wrinkles; each moves a joint or a morph target."""
     names, parts = [str(node.get("name", "")) for node in document.items("nodes")], read_bones(document).parts
-    hierarchy = read_hierarchy(document)
-    animal = any(is_animal(read_rig(document, node, hierarchy)) for node in nodes)
     found = []
     for clip in clips:
         ((node, path), *_) = clip.by_target
         by_morph = path == "weights"
-        limb = by_morph or animal or is_limb(parts[node], parts)
+        limb = by_morph or is_limb(parts[node], parts)
         if not why_unfolded(clip.name if by_morph else names[node], limb=limb):
             found.append(clip)
     return found
@@ -153,7 +146,7 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         mesh, surface = each.mesh, id(each.mesh.gauge.surface)
         # Animals are neither shod nor dressed, and their coats have several colours.
         animal = makeups[surface].animal
-        # The neck and the hands of an animal fold otherwise than those of people.
+        # Joints of an animal are of no part: of 7 places on a zebra that were judged by eye, twice each, none was kept.
         part = None if each.by_morph or animal else parts[numbers[each.driver]]
         place = part and body.place(numbers[each.driver], part, each.region.normal, each.region.centre)
         # Instances share a surface, but the names of their nodes may say what each is made of.
@@ -164,10 +157,11 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         # Lips and brows are painted on one skin.
         kinds = asset.kinds(mesh.rig.node)[mesh.gauge.numbers]
         of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, weights * shown[surface])
-        limb = each.by_morph or animal or is_limb(part, parts)
+        limb = each.by_morph or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
-        if not fault and each.by_morph and _is_rim(each.region, rims(surface)):
-            fault = "it is a rim, such as of lips or lids"
+        if not fault and each.by_morph:
+            from_rim = np.linalg.norm(rims(surface) - each.region.centre, axis=1).min(initial=math.inf)
+            fault = "it is a rim, such as of lips or lids" if from_rim < _NEAR_RIM * each.region.length else ""
         uniform = float(np.max(of_kinds) / weights.sum())
         yield replace(each, part=part, place=place, substance=substance, uniform=uniform, presets=known, fault=fault)
 
@@ -185,11 +179,3 @@ def rims_of(mesh: MeasuredMesh) -> Floats:
     facing &= np.sum(between * sites.normals[first], axis=1) > 0
     facing &= np.sum(between * sites.normals[second], axis=1) < 0
     return np.concatenate([ends, sites.positions[np.unique(pairs[facing])]])
-
-
-def _is_rim(region: CompressedRegion, rims: Floats) -> bool:
-    """True if a region lies on one of the (points, 3) of rims."""
-    if not len(rims):
-        return False
-    nearest = float(np.sqrt(np.min(np.sum((rims - region.centre) ** 2, axis=1))))
-    return nearest < _NEAR_RIM * region.length

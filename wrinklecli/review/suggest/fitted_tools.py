@@ -281,7 +281,10 @@ def suggestion_of(
     mesh, best = candidate.mesh, greatest(shortenings[0])
     known = {each.name: getattr(candidate, each.name) for each in fields(Place)}
     if len(tools) == 2:
-        known["driver"] = _of_side(mesh, candidate.driver, tools[0].name)
+        other = exchange_sides(candidate.driver)
+        on_other = split_side(candidate.driver)[1] != split_side(tools[0].name)[1]
+        if on_other and other in (*mesh.rig.names, *mesh.rig.morph_names):
+            known["driver"] = other
     return Suggestion(
         **known,
         tool=tools[0],
@@ -448,13 +451,6 @@ def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[
 def _least_shortening(candidate: Candidate) -> float:
     """Least shortening of a candidate's tool, as a part of its length."""
     return LEAST_BY_MORPH if candidate.by_morph else LEAST_LOSS
-
-
-def _of_side(mesh: MeasuredMesh, driver: str, tool: str) -> str:
-    """The driver on the tool's side; the given one if that has no twin there."""
-    other = exchange_sides(driver)
-    there = split_side(driver)[1] != split_side(tool)[1] and other in (*mesh.rig.names, *mesh.rig.morph_names)
-    return other if there else driver
 
 
 def _probe(candidate: Candidate, width: float | None = None) -> Attached[WrinkleTool] | None:

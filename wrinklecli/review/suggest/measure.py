@@ -150,7 +150,11 @@ def measure_meshes(
         if its_clips:
             key = _motion_of(rig, its_clips)
             if key not in distinct:
-                distinct[key] = _gauge_of(document, rig, its_clips), its_clips
+                surface = read_surface(document, rig)
+                what = f"{len(surface.triangles):,} triangles to measure"
+                document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
+                rest = rest_pose(surface, rig, ToolsFile(path=document.path), its_clips, [])
+                distinct[key] = read_gauge(surface, rest, rig), its_clips
             moved.append((key, rig, name))
     distinct = {key: (gauge, its_clips) for key, (gauge, its_clips) in distinct.items() if len(gauge.triangles)}
     counts = _pose_counts(list(distinct.values()), clips, options.fps, where=document.path)
@@ -182,14 +186,6 @@ def _finer(clip: Clip, times: Floats, fps: float) -> Floats:
     wanted = min(_FEWEST_LENGTHS, (clip.end - clip.start) * fps + 1.0)
     parts = math.ceil((wanted - 1.0) / max(len(times) - 1, 1))
     return times if parts <= 1 or len(times) < 2 else np.linspace(times[0], times[-1], parts * (len(times) - 1) + 1)
-
-
-def _gauge_of(document: Document, rig: Rig, clips: tuple[Clip, ...]) -> Gauge:
-    """The gauge of a rig's mesh at rest."""
-    surface = read_surface(document, rig)
-    what = f"{len(surface.triangles):,} triangles to measure"
-    document.memory.claim(_TRIANGLE_BYTES * len(surface.triangles), what, where=document.path)
-    return read_gauge(surface, rest_pose(surface, rig, ToolsFile(path=document.path), clips, []), rig)
 
 
 def _motion_of(rig: Rig, clips: tuple[Clip, ...]) -> Hashable:

@@ -29,16 +29,18 @@ class Merits:
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
         smooth: Part of the edges that are not hard.
         closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
+        around: How far the sides of the place lean away from each other: 1 around a thin limb, 0.5 on a plane.
         uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve, and lace has holes.
 
-    The last two are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as those of places
-    that artists keep.
+    The last three are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as they do at
+    places that artists keep.
     """
 
     seen: float
     crests: float
     smooth: float
     closed: float
+    around: float
     uniform: float
 
 
@@ -47,6 +49,7 @@ REASONS = {
     "crests": ("hardly seen", "its crests are hardly seen: they are {} of what changes the light"),
     "smooth": ("faceted", "it lies on facets: {} of the edges there are smooth"),
     "closed": ("hardly folded", "it hardly folds: {} shut, where flat is 50 % and a closed fold 100 %"),
+    "around": ("around no limb", "it reaches around no limb: {}, where a plane has 50 % and a thin limb 100 %"),
     "uniform": ("across a border", "it lies across the border of what it is made of: {} of it is of one substance"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""

@@ -168,7 +168,7 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     if joined.range and not options.clips:
         generated = [clip for clip in clips if clip.name in joined.range]
         others = (clip for clip in clips if clip.name not in joined.range)
-        clips = (*others, *(generated if options.everything else folding(document, nodes, generated)))
+        clips = (*others, *(generated if options.everything else folding(document, generated)))
     meshes = measure_meshes(document, nodes, clips, options, progress) if clips else []
     tried = TriedAsset(document, joined.clips, jobs=options.jobs)
     garments = find_garments(tried, [mesh for mesh, _ in meshes], options)

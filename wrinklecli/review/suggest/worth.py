@@ -43,7 +43,7 @@ _SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
-# Part of a tool's length that is an end of it.
+# Part of a place's length that is an end of it, and of its width that is a side.
 _ENDS = 0.3
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
@@ -201,8 +201,9 @@ class Judge:
             trials = Trial.of(self.asset, suggestion)
             limb = not suggestion.by_morph and trials[0].attached[0].segment is not None
             smooth = min(each.smooth for each in trials)
-            closed = 1.0 if limb else math.nan
-            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=closed, uniform=suggestion.uniform))
+            bend = 1.0 if limb else math.nan
+            uniform = suggestion.uniform
+            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=bend, around=bend, uniform=uniform))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
             for trial in trials:
@@ -287,8 +288,8 @@ class Judge:
         """
         clip, peak = self.asset.clip(suggestion.clip), suggestion.time
         smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
-        closed, uniform = _closed(tallest) if limb else math.nan, suggestion.uniform
-        best_merits = Merits(seen=1.0, crests=1.0, smooth=smooth, closed=closed, uniform=uniform)
+        merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform)
+        best_merits = merits(seen=1.0, crests=1.0, **_bends(tallest, limb=limb))
         if not (self.everything or Score.of(best_merits).is_kept):
             return best_merits
 
@@ -303,12 +304,10 @@ class Judge:
         assert best is not None
         staged, sight = best
         side, crests = look_at(staged, sight, side)
-        return Merits(
+        return merits(
             seen=side.visible if limb else part_not_hidden(sight.place, side),
             crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
-            smooth=smooth,
-            closed=_closed(staged) if limb else math.nan,
-            uniform=uniform,
+            **_bends(staged, limb=limb),
         )
 
 
@@ -336,16 +335,29 @@ def _tallest(placement: Placement, seen: Sequence[Seen]) -> tuple[str, float]:
     return motion.clip.name, float(motion.times[int(heights.argmax())])
 
 
-def _closed(staged: StagedTool) -> float:
-    """A number from 0 to 1 that says how far the ends of a tool lean to each other; 0 if one of them is not there."""
+def _bends(staged: StagedTool, *, limb: bool) -> dict[str, float]:
+    """The merits `closed` and `around` of a tool; NaN if no limb folds there."""
+    us, vs = staged.places.T
+    leans = (_lean(staged, us), -_lean(staged, (1.0 + vs) / 2.0)) if limb else (math.nan, math.nan)
+    return {name: (1.0 + lean) / 2.0 for name, lean in zip(("closed", "around"), leans, strict=True)}
+
+
+def _lean(staged: StagedTool, parts: Floats) -> float:
+    """How far two sides of a place lean to each other: 1 if they face, 0 on a plane, less than 0 if they look apart.
+
+    The sides are where (vertices,) `parts` of the way across the place are least and greatest.
+    """
     triangles = staged.triangles[staged.place]
-    us, areas = staged.places[triangles, 0].mean(axis=1), face_normals(staged.plain, triangles)
-    ends = [us < _ENDS, us > 1.0 - _ENDS]
-    if not all(end.any() for end in ends):
+    corners, parts, areas = staged.plain[triangles], parts[triangles], face_normals(staged.plain, triangles)
+    # Ways across, from how parts grow: positions of the sides pass each other in a fold that is all but shut.
+    edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
+    ways, middles = np.cross(unit(areas), np.einsum("tc,tca->ta", parts, edges)), parts.mean(axis=1)
+    sides = [middles < _ENDS, middles > 1.0 - _ENDS]
+    if not all(side.any() for side in sides):
         return 0.0
-    first, last = (staged.plain[triangles[end]].mean(axis=(0, 1)) for end in ends)
-    leans = [unit(areas[end].sum(axis=0)) @ unit(last - first) for end in ends]
-    return float(2.0 + leans[0] - leans[1]) / 4.0
+    first, last = (unit(areas[side].sum(axis=0)) for side in sides)
+    across = unit(ways[sides[0]].sum(axis=0)) + unit(ways[sides[1]].sum(axis=0))
+    return float((first - last) @ unit(across)) / 2.0
 
 
 def _frames_of(clip: Clip, rig: Rig) -> Floats:
