@@ -93,6 +93,7 @@ class Fold:
         crossed: (vertices,) True for those that cross without contact, in the fold's own motion or in clips.
         others: The parts of other meshes that may touch the fold.
         parts: The folds of which this is the union; none in a fold of one joint.
+        cut_from: If this is only the part that contact may move, the fold with all that it may cross.
     """
 
     patches: tuple[Patch, ...]
@@ -110,6 +111,7 @@ class Fold:
     movers: tuple[Mover, ...] = ()
     others: tuple[SkinnedMesh, ...] = ()
     parts: "tuple[Fold, ...]" = ()
+    cut_from: "Fold | None" = None
 
     @property
     def per_clip(self) -> bool:
@@ -165,6 +167,34 @@ class Fold:
     def near(self) -> Bools:
         """(vertices,) True for those so near to what crosses that contact may move them."""
         return self.apart < FREE * SOFT
+
+    @property
+    def whole(self) -> "Fold":
+        """The fold with all that it may cross."""
+        return self.cut_from or self
+
+    @property
+    def solved_part(self) -> "Fold":
+        """The part that the solver asks for: what contact may move, and neighbours, whose areas count for stiffness.
+
+        So its solution does not depend on what changes further away.
+        """
+        beside = widened(self.crossings.edges, self.near)
+        return replace(self.part(np.asarray(beside[self.triangles].any(axis=1))), cut_from=self)
+
+    def part(self, chosen: Bools) -> "Fold":
+        """The fold with the chosen (triangles,) and their vertices only."""
+        vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
+        ends = len(chosen) - np.cumsum([len(each.triangles) for each in self.others][::-1], dtype=int)[::-1]
+        others = zip(self.others, np.split(chosen, ends)[1:], strict=True)
+        return replace(
+            self,
+            vertices=self.vertices[vertices[vertices < len(self.vertices)]],
+            triangles=local.reshape(-1, 3),
+            own=self.own[vertices],
+            crossed=self.crossed[vertices],
+            others=tuple(other.part(some) for other, some in others if some.any()),
+        )
 
     @property
     def border(self) -> Bools:

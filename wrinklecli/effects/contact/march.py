@@ -102,10 +102,11 @@ def _newton(tissue: Tissue, response: Response, positions: Floats, posed: Skinne
         part = 1.0 / max(float(lengths.max()), 1.0)
         fraction = part * tissue.free_fraction(positions, positions + part * direction)
         for _halving in range(_HALVINGS):
+            # Vertices that are not free go to their places even if the energy rises.
             trial = positions + fraction * direction
             trial_near = tissue.collisions(trial)
             trial_energy = _energy(tissue, trial, posed, volumes, trial_near)
-            if trial_energy <= energy + _DECREASE * fraction * slope or (arriving and trial_energy < energy):
+            if arriving or trial_energy <= energy + _DECREASE * fraction * slope:
                 break
             fraction /= 2.0
         else:

@@ -212,7 +212,7 @@ def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
         # Both count as equally thick.
         radius = (first.radius + other.radius) / 2.0
         members = [first] if other is first else [first, other]
-        systems.append([replace(each, radius=radius) for each in members])
+        systems.append([replace(each, radius=radius).solved_part for each in members])
     return systems
 
 

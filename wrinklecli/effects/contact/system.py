@@ -186,10 +186,7 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
             near |= meeting
         return near
 
-    near = fold.searched(looks, len(touched), coming, touched) > 0
-    vertices, triangles = np.unique(fold.triangles[near], return_inverse=True)
-    own, crossed = fold.own[vertices], fold.crossed[vertices]
-    return replace(fold, vertices=fold.vertices[vertices], triangles=triangles.reshape(-1, 3), own=own, crossed=crossed)
+    return fold.part(fold.searched(looks, len(touched), coming, touched) > 0)
 
 
 def _moments(fold: Fold, clip: Clip) -> Floats:
