@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, dot, face_normals
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of
 from wrinklecli.numeric.edges import Edges
 
 # Part of its length by which a diagonal must be shorter: rounding errors turn none.
@@ -30,9 +30,14 @@ def turn_diagonals(triangles: Ints, positions: Floats, lengths: Callable[[Ints],
         lengths: Gives (edges,) lengths from their (edges, 2) vertices.
         tolerance: Greatest distance by which the surface may change.
     """
-    found = triangles.copy()
+    found, near = triangles.copy(), np.arange(len(triangles))
+    # A pair that does not turn does so later only if a pair with one of its triangles turns.
+    open_to_turns = np.ones(len(triangles), np.bool_)
     while True:
-        faces, quads = _pairs(found)
+        faces, quads = _pairs(found[near])
+        faces = near[faces]
+        again = open_to_turns[faces].any(axis=1)
+        faces, quads = faces[again], quads[again]
         made = np.stack([quads[:, [1, 2, 3]], quads[:, [3, 0, 1]]], axis=1)
         before, after = np.split(lengths(np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])), 2)
         areas = face_normals(positions, made.reshape(-1, 3)).reshape(-1, 2, 3)
@@ -46,6 +51,8 @@ def turn_diagonals(triangles: Ints, positions: Floats, lengths: Callable[[Ints],
         if not turned.any():
             return found
         found[faces[turned]] = made[turned]
+        open_to_turns = flags_of(faces[turns], len(found))
+        near = np.flatnonzero(any_of(flags_of(found[open_to_turns], len(positions)), found))
 
 
 def _pairs(triangles: Ints) -> tuple[Ints, Ints]:
