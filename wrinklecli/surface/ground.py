@@ -66,8 +66,8 @@ class Ground:
         return np.array(found, np.intp)
 
     @cached_property
-    def masks(self) -> dict[Hashable, Array]:
-        """Images of masks that were read, by what they were read from: many tools may share one."""
+    def known(self) -> dict[Hashable, Array]:
+        """What was read of it and many tools may share: images of masks by what they were read from, and substances."""
         return {}
 
     @cached_property

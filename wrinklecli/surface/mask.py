@@ -198,7 +198,7 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
     except OSError as error:
         raise BakeError(f"{mask.image!r} cannot be read: {error.strerror}", where=where) from error
     key = (path, mask.channel, found.st_mtime_ns, found.st_size)
-    if key not in ground.masks:
+    if key not in ground.known:
         from wrinklecli.gltf.pixels import read_channel  # few masks are images
 
         data = read_file(path, memory=document.memory, where=where)
@@ -210,5 +210,5 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
         except ValueError as error:
             raise BakeError(f"{mask.image!r} {error}", where=where) from error
         document.memory.claim(_PIXEL_BYTES * values.size, f"an image of {values.size} pixels", where=where)
-        ground.masks[key] = values
-    return ground.masks[key]
+        ground.known[key] = values
+    return ground.known[key]

@@ -82,6 +82,11 @@ class Rest:
         return carried_normals(self.blended[vertices], self.around.normals_at(self.bind_positions, vertices))
 
     @cached_property
+    def to_bind(self) -> Floats:
+        """(joints, 4, 4) world to bind space; pseudo-inverses where a joint is scaled to nothing."""
+        return np.asarray(np.linalg.pinv(self.matrices), np.float64)
+
+    @cached_property
     def way(self) -> float:
         """1 if triangles wind as in bind space, -1 if the joints mirror the surface."""
         return float(orientations(self.blended, np.ones(len(self.blended)))) or 1.0

@@ -19,6 +19,7 @@ from wrinklecli.errors import AssetError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, among, distinct_values, face_normals, ramp, unit
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.pieces import difference, pieces_of
@@ -551,6 +552,10 @@ def substances_at(ground: Ground) -> Ints:
 
     Connected parts of a primitive may be plates or boxes as a whole. Else each has pieces of one colour.
     """
+    return once(ground.known, "substances", lambda: _substances_at(ground))
+
+
+def _substances_at(ground: Ground) -> Ints:
     rig, surface, bodies = ground.rig, ground.surface, ground.neighbours.parts
     gauge = read_gauge(surface, ground.rest, rig)
     makeup = makeup_of(ground, gauge)

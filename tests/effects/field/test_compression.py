@@ -119,7 +119,7 @@ def test_one_joint_moves_as_it_is(degrees: float) -> None:
     positions, _ = tube(0.3)
     rest = turned([0.0, 1.0, 0.0], 40.0, around=[1.0, 0.0, 2.0])
     motion = turned([1.0, -2.0, 0.5], degrees, around=[3.0, 1.0, 2.0])
-    parts = rigid_parts((motion @ rest)[None], rest[None])
+    parts = rigid_parts((motion @ rest)[None], np.linalg.inv(rest)[None])
     ones = np.ones((len(positions), 1))
     found = posed_rigidly(positions, np.zeros_like(ones, dtype=int), ones, parts)
     assert found == pytest.approx(positions @ motion[:3, :3].T + motion[:3, 3], abs=1e-9)

@@ -17,12 +17,12 @@ from wrinklecli.surface.strain import tangents
 _MOST = 1.0
 
 
-def rigid_parts(matrices: Floats, rest: Floats) -> tuple[Floats, Floats]:
+def rigid_parts(matrices: Floats, to_bind: Floats) -> tuple[Floats, Floats]:
     """Unit dual quaternions of (joints, 4, 4) matrices against those at rest: (joints, 4) real and dual parts.
 
-    Scale and shear are left out. Quaternions are x, y, z, w.
+    Scale and shear are left out. Quaternions are x, y, z, w. `to_bind` are the inverses of the matrices at rest.
     """
-    moved = matrices @ np.linalg.pinv(rest)
+    moved = matrices @ to_bind
     one, _, other = np.linalg.svd(moved[:, :3, :3])
     turns = one @ other
     turns = turns * np.sign(np.linalg.det(turns))[:, None, None]

@@ -205,7 +205,7 @@ class _Surface:
 
     def bent(self, pose: Floats) -> Ints:
         """The triangles that joints with different motions since rest carry in a (joints, 4, 4) pose."""
-        moves = np.round(pose @ np.linalg.pinv(self.rest.matrices), _DIGITS).reshape(len(pose), -1)
+        moves = np.round(pose @ self.rest.to_bind, _DIGITS).reshape(len(pose), -1)
         motions = np.unique(moves, axis=0, return_inverse=True)[1].reshape(-1)
         low, high = (
             reduce(
@@ -219,7 +219,7 @@ class _Surface:
 
     def posed_rigidly(self, pose: Floats, triangles: Ints) -> tuple[Floats, Floats]:
         """(vertices, 3) places and normals by dual quaternions of what triangles have; the others are at rest."""
-        own, parts = distinct_values(self.sheet.triangles[triangles]), rigid_parts(pose, self.rest.matrices)
+        own, parts = distinct_values(self.sheet.triangles[triangles]), rigid_parts(pose, self.rest.to_bind)
         places, ends = self.sheet.positions.copy(), self.sheet.positions + self.rest.normals
         for found in (places, ends):
             found[own] = posed_rigidly(found[own], self.joints[own], self.weights[own], parts)

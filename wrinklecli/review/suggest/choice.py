@@ -30,6 +30,7 @@ from wrinklecli.surface.substance import (
     makeup_of,
     read_hints,
     substance_of,
+    substances_at,
 )
 
 # Words of joints and morph targets that move what slides, swells or swings: lips and lids, cheeks, tails and ears.
@@ -155,7 +156,7 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         weights = np.maximum(triangle_weights(mesh.sites, each.region), 0.0)
         substance = substance_of(makeup, weights, part, by_morph=each.by_morph)
         # Lips and brows are painted on one skin.
-        kinds = asset.kinds(mesh.rig.node)[mesh.gauge.numbers]
+        kinds = substances_at(asset.ground(mesh.rig.node))[mesh.gauge.numbers]
         of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, weights * shown[surface])
         limb = each.by_morph or is_limb(part, parts)
         fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)

@@ -27,7 +27,7 @@ from wrinklecli.review.suggest.text import Entry
 from wrinklecli.review.suggest.trial import Suggested, TriedAsset
 from wrinklecli.review.suggest.worth import Draft, Dropped, Judge, Worthwhile
 from wrinklecli.surface.sites import Peaks
-from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints
+from wrinklecli.surface.substance import WORDS, PrimitiveHints, is_rigid, read_hints, substances_at
 from wrinklecli.tools.fields import Field
 from wrinklecli.tools.mirror import exchange_sides, numbered
 from wrinklecli.tools.records import RefinementSettings
@@ -135,7 +135,7 @@ def _garment(
     # What it is made of takes longest to find.
     if not joints or float(gauge.areas @ folded) < least:
         return None
-    kinds = asset.kinds(rig.node)[gauge.numbers]
+    kinds = substances_at(asset.ground(rig.node))[gauge.numbers]
     # A garment that is named so is one as a whole, whatever colours it has.
     named = np.array([each.material is not None and each.material.kind == _CLOTH for each in hints])[primitives]
     asked = np.array([-1 if each.asked is None else SUBSTANCES.index(each.asked.kind) for each in hints])[primitives]

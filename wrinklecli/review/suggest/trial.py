@@ -18,7 +18,6 @@ from wrinklecli.effects.effect import Part
 from wrinklecli.effects.plan import attach_effects, plan_on
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Ints
 from wrinklecli.review.suggest.candidates import Place
 from wrinklecli.review.suggest.layers import Layers
 from wrinklecli.review.suggest.score import Score
@@ -26,7 +25,6 @@ from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.text import Entry, file_text, read_suggested
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.rounding import hard_edges
-from wrinklecli.surface.substance import substances_at
 from wrinklecli.tools.records import EffectTool, RefinementSettings, ToolsFile
 
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
@@ -51,7 +49,6 @@ class TriedAsset:
         self._by_name = {clip.name: clip for clip in reversed(clips)}
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
-        self._kinds: dict[int, Ints] = {}
 
     def clip(self, name: str) -> Clip:
         """The clip of a name; of equal names the asset's."""
@@ -65,12 +62,6 @@ class TriedAsset:
                 self.document, node, [], settings, self.clips, neighbours=self._neighbours
             )
         return self._grounds[node]
-
-    def kinds(self, node: int) -> Ints:
-        """(triangles,) the `substances_at` the mesh of a node."""
-        if node not in self._kinds:
-            self._kinds[node] = substances_at(self.ground(node))
-        return self._kinds[node]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
