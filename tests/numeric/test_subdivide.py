@@ -396,17 +396,20 @@ assert not any(name.startswith("scipy") for name in sys.modules)
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
-def test_criteria_judge_each_face_once_however_a_level_grows():
+@pytest.mark.parametrize("forbidden", [0.0, 0.02])
+def test_criteria_judge_each_face_once_however_a_level_grows(forbidden):
+    """Also where splits that prove impossible have asked for others, and levels are built again without these."""
     points, triangles = torus()
-    choose, judged = chance(1, 0.2, len(points)), Counter()
+    choose, denied, judged = chance(1, 0.2, len(points)), chance(2, forbidden, len(points)), Counter()
 
     def wants(level):
         rows = level.linear @ np.eye(len(points))
         judged.update((level.number, rows[face].tobytes()) for face in level.triangles)
         return choose(level)
 
-    fine = subdivide(triangles, len(points), wants=wants, max_levels=3)
+    fine = subdivide(triangles, len(points), wants=wants, forbids=denied, max_levels=3)
     assert fine.levels == 3
+    assert bool(fine.blocked) == bool(forbidden)
     assert set(judged.values()) == {1}
 
 

@@ -68,6 +68,7 @@ class Level:
 
 
 Criterion: TypeAlias = Callable[[Level], Bools]
+_Flag: TypeAlias = Literal["wanted", "asked", "forbidden", "denied", "split"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,8 @@ class Stage:
         codes: (F,) sorted paths from the coarse triangles: four times the parent's code plus 0 to 3. A face keeps its
             code however the level grows.
         complete: (vertices,) True if all faces round the vertex exist at this level.
-        wanted: (E,) edges that should split, for themselves or for a finer level.
+        wanted: (E,) edges that should split for themselves.
+        asked: (E,) edges that should split for a finer level.
         forbidden: (E,) edges that must not split.
         denied: (E,) edges that should split but cannot.
         split: (E,) edges that split; both their ends are complete.
@@ -99,6 +101,7 @@ class Stage:
     codes: Ints
     complete: Bools
     wanted: Bools
+    asked: Bools
     forbidden: Bools
     denied: Bools
     split: Bools
@@ -167,7 +170,7 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
 
     Args:
         root: Level 0 with nothing split.
-        earlier: The stages of an earlier attempt, whose denials are kept; or none.
+        earlier: The stages of an earlier attempt, whose denials and criteria are kept; or none.
         rules: The options of the subdivision.
 
     Returns:
@@ -182,8 +185,9 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
     at = 0
     while at < rules.max_levels:
         stage = stages[at]
-        stage = replace(stage, denied=stage.denied | (stage.wanted & ~stage.split & stage.forbidden))
-        pending = stage.wanted & ~stage.split & ~stage.denied
+        pending = (stage.wanted | stage.asked) & ~stage.split
+        stage = replace(stage, denied=stage.denied | (pending & stage.forbidden))
+        pending &= ~stage.denied
         early = pending & ~stage.complete[stage.level.edges].all(axis=1)
         if not early.any():
             stages[at] = stage = _promoted(replace(stage, split=stage.split | pending))
@@ -204,7 +208,7 @@ def close(root: Stage, earlier: list[Stage], rules: Rules) -> tuple[list[Stage],
             ]
             wasted = True
         else:
-            stages[at - 1 : at + 1] = [replace(below, wanted=below.wanted | _lacking(below, stage, early)), stage]
+            stages[at - 1 : at + 1] = [replace(below, asked=below.asked | _lacking(below, stage, early)), stage]
             at -= 1
     return stages, wasted
 
@@ -238,7 +242,7 @@ def _child(stage: Stage, stages: list[Stage], earlier: list[Stage], rules: Rules
 
     The level is built anew each time, as changes below may have renumbered the vertices. Decisions are taken over from
     `stages` and, if denied, from `earlier` ones: otherwise the work would double with each level. Only faces that
-    `stages` lack are judged by the criteria, as a level never loses faces there.
+    both lack are judged by the criteria.
     """
     level, red = stage.level, stage.red
     ends = level.edges[stage.split]
@@ -278,25 +282,26 @@ def _stage(
     earlier: Sequence[Stage] = (),
 ) -> Stage:
     """A level that takes over what `stages`, which had some of its faces, decided, and what `earlier` ones denied."""
-    known, count = _Older.of(stages, level, codes), len(level.edges)
-    added = level
-    if known.stage is not None:
-        faces = ~known.faces
-        added = replace(
-            level,
-            triangles=level.triangles[faces],
-            parents=level.parents[faces],
-            triangle_edges=level.triangle_edges[faces],
-            barycentrics=level.barycentrics[faces],
-        )
-    forbidden = known.carried("forbidden", count)
+    known, former, count = _Older.of(stages, level, codes), _Older.of(earlier, level, codes), len(level.edges)
+    wanted, forbidden, denied = (
+        known.carried(name, count) | former.carried(name, count) for name in ("wanted", "forbidden", "denied")
+    )
+    faces = ~(known.faces | former.faces)
+    added = replace(
+        level,
+        triangles=level.triangles[faces],
+        parents=level.parents[faces],
+        triangle_edges=level.triangle_edges[faces],
+        barycentrics=level.barycentrics[faces],
+    )
     return Stage(
         level,
         codes,
         complete,
-        wanted=known.carried("wanted", count) | rules.wants(added),
+        wanted=wanted | rules.wants(added),
+        asked=known.carried("asked", count),
         forbidden=forbidden if rules.forbids is None else forbidden | rules.forbids(added),
-        denied=known.carried("denied", count) | _Older.of(earlier, level, codes).carried("denied", count),
+        denied=denied,
         split=known.carried("split", count),
     )
 
@@ -328,7 +333,7 @@ class _Older:
         faces = np.append(old.codes, -1)[places] == codes
         return cls(old, faces, level.triangle_edges[faces], old.level.triangle_edges[places[faces]])
 
-    def carried(self, name: Literal["wanted", "forbidden", "denied", "split"], count: int) -> Bools:
+    def carried(self, name: _Flag, count: int) -> Bools:
         """(count,) the flags that the level's edges have in the older state."""
         flags = np.zeros(count, dtype=np.bool_)
         if self.stage is not None:
