@@ -18,6 +18,7 @@ from wrinklecli.effects.field.attach import AttachedField, attach_fields
 from wrinklecli.effects.field.compression import shortest
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.surface.ground import Ground, read_ground
+from wrinklecli.surface.strain import tangents
 
 FOLDS: Json = {"name": "folds"}
 
@@ -68,7 +69,7 @@ def tallest(field: AttachedField) -> Floats:
 
 def across(ground: Ground, field: AttachedField) -> Floats:
     """(coarse vertices, 3) unit directions across the crests, without signs."""
-    return shortest(field.directions, ground.rest.normals)[1]
+    return shortest(field.directions, tangents(ground.rest.normals))[1]
 
 
 def plane(length: float, width: float, cells: int) -> tuple[Floats, Array]:

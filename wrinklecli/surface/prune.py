@@ -89,8 +89,11 @@ def pruning_errors(weights: Floats, positions: Floats, distances: Floats, influe
     change = weights.copy()
     for column in range(influences):
         change[np.arange(len(change)), joints[:, column]] -= kept[:, column]
+    # Few joints give or take weight.
+    giving = np.flatnonzero(change.any(axis=0))
+    change = change[:, giving]
     # A vertex's movement is linear in its position times its weights, so one product does for all poses.
-    columns = poses[:, :, :3].transpose(1, 3, 2, 0).reshape(4 * len(distances), 3 * len(poses))
+    columns = poses[:, giving, :3].transpose(1, 3, 2, 0).reshape(4 * len(giving), 3 * len(poses))
     homogeneous = np.concatenate([positions, np.ones((len(positions), 1))], axis=1)
     errors = np.zeros(len(weights))
     for rows in portions(len(weights), len(columns) + columns.shape[1]):

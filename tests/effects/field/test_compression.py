@@ -13,7 +13,7 @@ from wrinklecli.effects.field.compression import (
     shortest,
 )
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
-from wrinklecli.surface.strain import product, solid
+from wrinklecli.surface.strain import product, solid, tangents
 
 NORMALS = np.array([[0.0, 0.0, 1.0]])
 
@@ -47,7 +47,7 @@ def test_the_strain_of_a_known_stretch(degrees: float, one: float, other: float)
     expected = (one - 1.0) * product(frame[:, 0], frame[:, 0]) + (other - 1.0) * product(frame[:, 1], frame[:, 1])
     found = strains_of(turned([1.0, 2.0, 3.0], 50.0)[:3, :3] @ stretch)
     assert found == pytest.approx(expected, abs=1e-12)
-    least, direction, most = shortest(found[None], NORMALS)
+    least, direction, most = shortest(found[None], tangents(NORMALS))
     assert (least[0], most[0]) == pytest.approx((min(one, other) - 1.0, max(one, other) - 1.0), abs=1e-12)
     assert abs(direction[0] @ frame[:, int(other < one)]) == pytest.approx(1.0, abs=1e-9)
 

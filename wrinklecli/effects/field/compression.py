@@ -11,7 +11,6 @@ import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, cross, dot, face_normals, unit
-from wrinklecli.surface.strain import tangents
 
 # Greatest stretch that counts, as a part of the length: triangles of almost no area may have any.
 _MOST = 1.0
@@ -135,13 +134,13 @@ def along(tensors: Floats, one: Floats, other: Floats) -> Floats:
     return np.asarray(a * p * xx + b * q * yy + c * r * zz + mixed)
 
 
-def shortest(tensors: Floats, normals: Floats) -> tuple[Floats, Floats, Floats]:
-    """The least of (vertices, 6) strains in the tangent planes of (vertices, 3) normals.
+def shortest(tensors: Floats, axes: tuple[Floats, Floats]) -> tuple[Floats, Floats, Floats]:
+    """The least of (vertices, 6) strains in the planes of two (vertices, 3) `tangents`.
 
     Returns:
         (vertices,) the least, (vertices, 3) its unit directions, and (vertices,) the strain across these.
     """
-    first, second = tangents(normals)
+    first, second = axes
     xx, xy, yy = along(tensors, first, first), along(tensors, first, second), along(tensors, second, second)
     middle, spread = (xx + yy) / 2.0, np.hypot((xx - yy) / 2.0, xy)
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy) + np.pi / 2.0

@@ -33,7 +33,7 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.laplacian import Average, Sheet, curvatures
 from wrinklecli.surface.rest import Rest
-from wrinklecli.surface.strain import product
+from wrinklecli.surface.strain import product, tangents
 
 # Lengths of averages, in wavelengths: of limits, a part of a wave; of strain, which folds even out over about a wave;
 # and that over which folds go on beyond the compression that makes them, and taper.
@@ -113,17 +113,18 @@ def measure(
     """
     normals, surface = rest.normals, _Surface(sheet, rest, joints, weights, Gauges.of(sheet.positions, sheet.triangles))
     near, wave, beyond = averages
+    axes = tangents(normals)
     lost, total = np.zeros((len(matrices), len(sheet.positions))), np.zeros((len(sheet.positions), 6))
     bent = [surface.bent(pose) for pose in matrices]
     for row, pose, triangles in zip(lost, matrices, bent, strict=True):
         strain = wave.of_integrals(surface.strains(*surface.posed_rigidly(pose, triangles), triangles))
-        least, _, across = shortest(strain, normals)
+        least, _, across = shortest(strain, axes)
         # What shrinks alike in all directions has none in which it would fold.
         shorter = np.minimum(across, 0.0) - least
         taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
-    least, lines, across = shortest(beyond.of(total), normals)
+    least, lines, across = shortest(beyond.of(total), axes)
     directions = -wave.of(product(lines, lines) * (least < across)[:, None])
     crests = _stiffness_along(sheet, np.cross(normals, lines))
     curved = np.abs(wave.of_integrals(np.sum((crests @ sheet.positions) * normals, axis=1)))
@@ -219,10 +220,12 @@ class _Surface:
 
     def posed_rigidly(self, pose: Floats, triangles: Ints) -> tuple[Floats, Floats]:
         """(vertices, 3) places and normals by dual quaternions of what triangles have; the others are at rest."""
-        own, parts = distinct_values(self.sheet.triangles[triangles]), rigid_parts(pose, self.rest.to_bind)
+        own = distinct_values(self.sheet.triangles[triangles])
+        used, joints = np.unique(self.joints[own], return_inverse=True)
+        parts = rigid_parts(pose[used], self.rest.to_bind[used])
         places, ends = self.sheet.positions.copy(), self.sheet.positions + self.rest.normals
         for found in (places, ends):
-            found[own] = posed_rigidly(found[own], self.joints[own], self.weights[own], parts)
+            found[own] = posed_rigidly(found[own], joints.reshape(-1, self.joints.shape[1]), self.weights[own], parts)
         return places, ends - places
 
     def strains(self, places: Floats, outward: Floats | None, triangles: Ints) -> Floats:

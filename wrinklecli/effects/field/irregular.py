@@ -15,6 +15,7 @@ from wrinklecli.effects.field.compression import shortest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.drawn import drawn
+from wrinklecli.surface.strain import tangents
 
 # Waves in space, and their lengths in wavelengths of a field, evenly between these two: a crest has to differ from its
 # neighbours, not one end of a garment from the other.
@@ -50,7 +51,7 @@ class Irregular:
             (2, vertices, 3) unit lines across two families of crests, without signs; (2, vertices) factors of their
             wavelength and of their height; and (vertices,) how much lines agree, from 0, where they turn at once, to 1.
         """
-        least, lines, across = shortest(directions, normals)
+        least, lines, across = shortest(directions, tangents(normals))
         agreed = np.clip((across - least) / np.maximum(-across - least, _TINY), 0.0, 1.0)
         level, aslant = np.sqrt(1.0 - slants**2)[:, None] * lines, slants[:, None] * np.cross(normals, lines)
         both = np.stack([level + aslant, level - aslant])
