@@ -15,6 +15,7 @@ from wrinklecli.character.pose import joint_matrices
 from wrinklecli.effects.below import losses_below
 from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field.attach import UNSEEN, AttachedField
+from wrinklecli.effects.field.compression import along
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
@@ -40,6 +41,9 @@ _MOMENTS, _DIGITS = 25, 3
 # Halvings of what is at fault for the first time. Each further time takes as many as all before and a first one more,
 # so that even shapes that hardly act become level. Most faults are gone after a little, which leaves a fold to be seen.
 _FIRST = 0.25
+# Wavelengths from a furrow to its crest, over which the fold beside one that is lowered keeps its height. Along crests
+# it takes a whole one, as folds that end within less look torn.
+_ACROSS = 0.5
 
 
 def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights: Floats, ways: Floats) -> Floats:
@@ -57,8 +61,7 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
     """
     matrices, weights = _poses(attached, ground)
     influences = fine.influences(matrices.shape[1], np.arange(len(fine.positions))).sparse()
-    # Folds that end within less than a wavelength look torn.
-    slopes, surface = _Slopes.of(fine, attached.wavelength), _Posed(fine, matrices, ways, influences)
+    slopes, surface = _Slopes.of(fine, attached), _Posed(fine, matrices, ways, influences)
     raised = weights @ heights
     # Without contact each shape is looked at where it acts most: in all poses, crossings take half of a bake's time.
     most = np.arange(len(weights))[:, None] == weights.argmax(axis=0)
@@ -136,13 +139,16 @@ class _Slopes:
     rises: Floats
 
     @classmethod
-    def of(cls, fine: Refinement, length: float) -> "_Slopes":
-        """Let factors rise from 0 to 1 over a length."""
+    def of(cls, fine: Refinement, attached: AttachedField) -> "_Slopes":
+        """Let factors rise from 0 to 1 over a wavelength along crests, and from a furrow to its crest across them."""
         edges, itself = edges_of(fine.triangles), np.arange(len(fine.positions))
         one, other = np.concatenate([edges, edges[:, ::-1], np.stack([itself, itself], axis=1)]).T
         order = np.argsort(one, kind="stable")
-        places = fine.rest_positions
-        rises = np.linalg.norm(places[one] - places[other], axis=1)[order] / length
+        ways = fine.rest_positions[one] - fine.rest_positions[other]
+        directions = fine.subdivision.interpolate(attached.directions)
+        across = np.maximum(-along((directions[one] + directions[other]) / 2.0, ways, ways), 0.0)
+        lengths = np.sqrt(np.sum(ways**2, axis=1) + (_ACROSS**-2 - 1.0) * across)
+        rises = lengths[order] / attached.wavelength
         counts = np.bincount(one, minlength=len(itself))
         return cls(np.cumsum(counts) - counts, counts, other[order], rises)
 
