@@ -10,7 +10,7 @@ from kit.asset import Asset, Json
 from kit.garments import ground_of, job_of, tube
 from wrinklecli.character.motion import motion_clip
 from wrinklecli.character.pose import joint_matrices
-from wrinklecli.effects.field.turns import Sweeps, Turn, turns_of
+from wrinklecli.effects.field.turns import Sweeps, Turn, led_by, turns_of
 from wrinklecli.surface.ground import Ground
 
 ELBOW = 2  # the node of `joint_1`
@@ -177,3 +177,22 @@ def test_parts_of_a_body_turn_both_ways_but_a_knee_and_an_elbow(name: str) -> No
     assert swing[0] <= 0.0 < swing[-1]
     assert (swing[0] < 0.0) == (not name.startswith("lower"))
     assert all(each[0] == pytest.approx(-each[-1]) for each in map(degrees, turns[1:])), "to both sides as far"
+
+
+def test_a_foot_that_stands_beside_its_leg_follows_it() -> None:
+    """Inverse kinematics moves such a foot: the poses are those of one below its leg."""
+    found = []
+    for beside in (False, True):
+        asset = tube(joints=3, rings=31, clip=None)
+        nodes = asset.gltf["nodes"]
+        for node, name in zip((1, 2, 3), ("upper_leg_l", "lower_leg_l", "foot_l"), strict=True):
+            nodes[node]["name"] = name
+        if beside:
+            nodes[2]["children"].remove(3)
+            nodes[3]["translation"] = (np.array(nodes[3]["translation"]) + nodes[2]["translation"]).tolist()
+            nodes[1]["children"].append(3)
+        ground, turns = found_in(asset, 2)
+        led = led_by(ground)
+        assert [(leader, own.tolist()) for leader, own in led] == [(1, [2])] * beside
+        found.append(Sweeps.of(ground.rig, turns, seed="a", led=led).matrices)
+    assert found[1] == pytest.approx(found[0], abs=1e-9)

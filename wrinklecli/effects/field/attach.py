@@ -15,7 +15,7 @@ from wrinklecli.effects.field.heights import WAVE, averages_over, measure
 from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.effects.field.material import FABRICS, Fabric
 from wrinklecli.effects.field.region import FieldRegion
-from wrinklecli.effects.field.turns import Sweeps, acting_together, turns_of
+from wrinklecli.effects.field.turns import Sweeps, acting_together, led_by, turns_of
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
@@ -138,7 +138,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = drawn_from(tool.name, tool.seed)
-    sweeps = Sweeps.of(ground.rig, turns, ground.clips, seed=seed, together=acting_together(ground, turns))
+    together, led = acting_together(ground, turns), led_by(ground)
+    sweeps = Sweeps.of(ground.rig, turns, ground.clips, seed=seed, together=together, led=led)
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wave, wavelength)

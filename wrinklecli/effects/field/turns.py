@@ -4,7 +4,7 @@ Joints turn as far as clips turn them, about the principal axes of their turns t
 no clip turns any joint much, they turn as `character.range_of_motion` lets them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from wrinklecli.character.motion import motion_clip, quaternion_product, turning
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
+from wrinklecli.choices import Part
 from wrinklecli.drive.angle import JointAngle
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit, unit_quaternions
@@ -37,6 +38,8 @@ _MIXTURES, _ALIKE = 4, 4
 _MOMENTS = 12
 # Turns that do so, in the mean, where no clip shows them.
 _TOGETHER = 4.0
+# Ends of limbs, with the part above each.
+_ENDS: Mapping[Part | None, Part] = {"foot": "lower leg", "hand": "lower arm"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +79,26 @@ def acting_together(ground: Ground, turns: Sequence[Turn]) -> float:
     """The number of turns that act at once, in the mean: all where clips show them, as in a walk."""
     vectors = [_shown(ground.rig, node, ground.clips) for node in {turn.signal.node for turn in turns}]
     return len(turns) if _are_told(vectors) else min(_TOGETHER, len(turns))
+
+
+def led_by(ground: Ground) -> list[tuple[int, Ints]]:
+    """Numbers of joints of limbs, each with those of a foot or a hand that is not below it and shares its skin.
+
+    Where inverse kinematics moves limbs, these stand beside them, and follow them in every clip.
+    """
+    rig, surface, parts, found = ground.rig, ground.surface, ground.neighbours.parts, []
+    of_joints = [parts[node] for node in rig.joints.tolist()]
+    for number, node in enumerate(rig.joints.tolist()):
+        above = _ENDS.get(parts[node])
+        if above is None or above in (parts[each] for each in rig.upwards(node)):
+            continue
+        own = np.where(surface.joints == number, surface.weights, 0.0).sum(axis=1)
+        shared = np.bincount(surface.joints.ravel(), (own[:, None] * surface.weights).ravel(), len(of_joints))
+        shared *= [part == above for part in of_joints]
+        if shared.any():
+            below = [node in rig.upwards(each) for each in rig.joints.tolist()]
+            found.append((int(shared.argmax()), np.flatnonzero(below)))
+    return found
 
 
 def _are_told(shown: Iterable[Floats]) -> bool:
@@ -139,9 +162,16 @@ class Sweeps:
 
     @classmethod
     def of(
-        cls, rig: Rig, turns: Sequence[Turn], clips: Sequence[Clip] = (), *, seed: str, together: float = np.inf
+        cls,
+        rig: Rig,
+        turns: Sequence[Turn],
+        clips: Sequence[Clip] = (),
+        *,
+        seed: str,
+        together: float = np.inf,
+        led: Sequence[tuple[int, Ints]] = (),
     ) -> "Sweeps":
-        """Let joints turn one by one, then so many `together`, in the mean, and then as in clips."""
+        """Let joints turn one by one, then so many `together`, in the mean, and then as in clips; some are `led`."""
         rows, owners = [], []
         for number, turn in enumerate(turns):
             for angle in turn.angles[turn.angles != 0]:
@@ -157,7 +187,11 @@ class Sweeps:
         rows += [*np.where(acting, mixed, 0.0), *_in_clips(rig, turns, clips)]
         owners += [-1] * (len(rows) - len(owners))
         angles = np.array(rows).reshape(-1, len(turns))
-        return cls(tuple(turns), angles, np.array(owners), np.stack([_matrices(rig, turns, each) for each in angles]))
+        matrices = np.stack([_matrices(rig, turns, each) for each in angles])
+        stored = np.linalg.pinv(joint_matrices(rig, None, np.zeros(1))[0])
+        for leader, own in led:
+            matrices[:, own] = (matrices[:, leader] @ stored[leader])[:, None] @ matrices[:, own]
+        return cls(tuple(turns), angles, np.array(owners), matrices)
 
     @property
     def ends(self) -> Ints:
