@@ -122,6 +122,19 @@ def test_hard_parts_are_left_out_unless_all_are_asked_for(tmp_path: Path, asset:
     assert {each.tool.material for each in every.tools} == {None}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("angle", "name", "count"), [(100.0, "Leather", 1), (-100.0, "Leather", 0), (-100.0, "Skin", 1)]
+)
+def test_soles_of_shoes_are_stiff(tmp_path: Path, angle: float, name: str, count: int) -> None:
+    asset = dressed(limb_asset(rings=11, sides=8, angle=angle), name=name)
+    for node, part in ((1, "foot_l"), (2, "toes_l")):
+        asset.gltf["nodes"][node]["name"] = part
+    found = suggested(tmp_path, asset, count=1)
+    assert len(found.tools) == count
+    assert any("the sole of a shoe" in note for note in found.notes) == (not count)
+
+
 # What nobody sees
 
 

@@ -159,7 +159,10 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         kinds = substances_at(asset.ground(mesh.rig.node))[mesh.gauge.numbers]
         of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, weights * shown[surface])
         limb = each.by_morph or is_limb(part, parts)
-        fault = substance.fault if substance.kind == "hard" else why_unfolded(each.driver, limb=limb)
+        # Of nine places below shod toes that were judged by eye, twice each, none was kept.
+        sole = part == "toes" and place is not None and place.aspect == "under" and substance.kind != "skin"
+        fault = "it is the sole of a shoe, which is stiff" if sole else why_unfolded(each.driver, limb=limb)
+        fault = substance.fault if substance.kind == "hard" else fault
         if not fault and each.by_morph:
             from_rim = np.linalg.norm(rims(surface) - each.region.centre, axis=1).min(initial=math.inf)
             fault = "it is a rim, such as of lips or lids" if from_rim < _NEAR_RIM * each.region.length else ""
