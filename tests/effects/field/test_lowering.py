@@ -109,12 +109,10 @@ def test_contact_lowers_what_crosses_alone() -> None:
     assert (lower[:, outer] > sizes[:, outer] - 1e-3 * sizes.max()).all()
 
 
-def test_contact_leaves_what_half_of_the_bend_folds() -> None:
-    """Nothing crosses in the near half, so its shape keeps its height; those of the far half are lowered."""
-    near, *far = (np.linalg.norm(each) for each in deltas_of(free(85.0)))
-    held_near, *held_far = (np.linalg.norm(each) for each in deltas_of(planned("resolve", 85.0)[1]))
-    assert held_near == pytest.approx(near, rel=1e-3)
-    assert sum(held_far) < sum(far)
+def test_contact_leaves_half_of_the_folds() -> None:
+    """A deep bend hides a place of the one shape, and leaves the rest of it."""
+    whole, held = (np.linalg.norm(deltas_of(plan)) for plan in (free(85.0), planned("resolve", 85.0)[1]))
+    assert 0.5 * whole < held < whole
 
 
 def test_what_is_lowered_rises_again_over_a_wavelength_along_crests_and_half_of_one_across() -> None:

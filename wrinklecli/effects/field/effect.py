@@ -12,7 +12,7 @@ from wrinklecli.effects.body import BodyWords, body_effect, largest_moves, moves
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, driven_targets
 from wrinklecli.effects.field.attach import AttachedField, drive_of
 from wrinklecli.effects.field.factors import weights_of
-from wrinklecli.effects.shapes import Middles, Sample, Shape, make_shapes, summed
+from wrinklecli.effects.shapes import Middles, Sample, make_shapes, summed
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
@@ -72,17 +72,15 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         assert isinstance(drive, TurnDrive)
         if len(effect.targets) <= most:
             return effect
-        factors, mix = attached.factors.fewer(attached.sweeps, most)
+        factors, kept = attached.factors.fewer(attached.sweeps, most)
         fewer = replace(attached, factors=factors)
         fewer = replace(fewer, drive=drive_of(fewer.tool, fewer.sweeps, factors))
-        shapes: list[Shape | None] = []
-        for row in mix:
-            own = [target for target in effect.targets if row[target.number]]
-            shapes.append(summed([each.shape for each in own], row[[each.number for each in own]]) if own else None)
+        own = {target.number: target.shape for target in effect.targets}
+        shapes = [own.get(number) for number in kept.tolist()]
         there = np.array([shape is not None for shape in shapes])
         targets = driven_targets(fewer.drive.targets, shapes)
         made = replace(fewer.drive, strength=drive.strength, strengths=drive.strengths)
-        words = FieldWords(fewer, np.tensordot(mix, self.deltas, axes=1), np.tensordot(mix, self.moves, axes=1))
+        words = FieldWords(fewer, self.deltas[kept], self.moves[kept])
         played = made.of_targets(there)
         return replace(effect, targets=targets, drive=played, words=words, remixes=words)
 
