@@ -112,6 +112,19 @@ def test_a_knee_bends_back_whatever_the_axes_of_its_bone(own: list[float]) -> No
 
 
 @pytest.mark.parametrize(
+    ("degrees", "ends"),
+    [(0.0, {-70, 70}), (30.0, {-70, 70}), (-45.0, {-70, 25}), (-80.0, {-70}), (225.0, {-25, 70})],
+)
+def test_an_arm_comes_down_beside_the_trunk_however_it_is_stored(degrees: float, ends: set[int]) -> None:
+    """The arm lies aside along x, or hangs by so many degrees; that of 225° is on the other side."""
+    asset = limb_asset(rings=5, sides=4, joints=3, clip=None)
+    half = np.radians(degrees) / 2.0
+    asset.gltf["nodes"][2] |= {"name": "LeftArm", "rotation": [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]}
+    found = {name for name in motions(asset) if name.startswith("LeftArm aside")}
+    assert found == {f"LeftArm aside, {end:+d}°" for end in ends}
+
+
+@pytest.mark.parametrize(
     ("bend", "ends"), [(20.0, {"bent, +90°"}), (2.0, {f"about {a}, {b}°" for a in "xyz" for b in ("-90", "+90")})]
 )
 def test_a_finger_bends_as_it_is_bent_in_the_stored_pose(bend: float, ends: set[str]) -> None:

@@ -120,13 +120,13 @@ def range_of_motion(
     """Turn the joints of some nodes' meshes, both ways, and raise the meshes' morph targets.
 
     A joint that the document's clips turn by 30° or more goes as far as in the clips, about its own axes. Joints of a
-    body's trunk and limbs turn ahead, aside and about the bone as far as people's. Others bend about their own axes
-    by 90° and twist by 45°; jaw and eyes bend by 20°, and others of a face by 8°. Joints are left out if they bend
-    nothing, since they move a whole mesh or a separate part of one, or if they are stored as a matrix. On a rig with
-    arms and legs, those of no part of a body are left out, such as a skirt's. So are ends of bones, and joints with no
-    joint above or below, as on a hand whose joints a headset poses: one alone would tear the skin from the others. If
-    there are more than 100 others, those that bend the least area are. Morph targets named in `driven`, by node, are
-    left out, too.
+    body's trunk and limbs turn ahead, aside and about the bone as far as people's; an arm comes down beside the trunk,
+    however it is stored. Others bend about their own axes by 90° and twist by 45°; jaw and eyes bend by 20°, and others
+    of a face by 8°. Joints are left out if they bend nothing, since they move a whole mesh or a separate part of one,
+    or if they are stored as a matrix. On a rig with arms and legs, those of no part of a body are left out, such as a
+    skirt's. So are ends of bones, and joints with no joint above or below, as on a hand whose joints a headset poses:
+    one alone would tear the skin from the others. If there are more than 100 others, those that bend the least area
+    are. Morph targets named in `driven`, by node, are left out, too.
 
     Raises:
         AssetError: A mesh, a skin or the hierarchy is malformed.
@@ -267,6 +267,11 @@ def _turns_of_body(rig: Rig, node: int, bones: Bones, bone: Floats, forwards: Fl
     swing = unit(swing)
     axes = swing, np.cross(along, swing), along
     for word, axis, ends in zip((way, "aside", "twisted"), axes, _BODY.get(part, ()), strict=False):
+        if (part, word) == ("upper arm", "aside"):
+            # A spread arm comes down beside the trunk, so one that hangs already has as much less room below.
+            raised = np.degrees(np.arctan2(along[1], np.hypot(along[0], along[2])))
+            room = float(np.clip(ends[1] + raised, 0.0, ends[1]))
+            ends = (ends[0], room) if swing[1] < 0 else (-room, ends[1])
         yield word, unit(into @ axis), ends
 
 
