@@ -7,6 +7,7 @@ are carried on the triangles that are there, and refined later.
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -128,10 +129,8 @@ class LoadedAsset:
             attached_below = here | attached_below  # of a region on several meshes, that of the first
             patches: list[AnyAttached] = []
             for tool in by_node.get(node, []):
-                try:
+                with _noting(problems, tool.name):
                     patches.append(self._patch(tool, ground, settings))
-                except WrinkleError as error:
-                    problems[tool.name] = error.lines[0]
             groups = _overlapping(ground, [*patches, *(each.attached for each in here.values())])
             clusters: list[Cluster] = []
             if before is not None:
@@ -159,15 +158,13 @@ class LoadedAsset:
             if why is not None:
                 problems[effect.name] = f"{effect.name}: is left out, as {why}"
                 continue
-            try:
+            with _noting(problems, effect.name):
                 alone = settings.only([effect.name])
                 check_clip_names(alone, (), file_clips)
                 # A region of flesh may move several meshes.
                 for node, found in tools_by_node(self.document, alone)[0].items():
                     # Contact takes too long to be shown while a tool is edited.
                     by_node.setdefault(node, []).extend(each.without_contact for each in found)
-            except WrinkleError as error:
-                problems[effect.name] = error.lines[0]
         return by_node
 
     def _moved(
@@ -183,16 +180,13 @@ class LoadedAsset:
         moving: list[Moves] = []
         drives: list[DrivenTargets] = []
         for effect in effects:
-            try:
+            with _noting(problems, effect.name):
                 attached = self._below(effect, ground, settings)
-            except WrinkleError as error:
-                problems[effect.name] = error.lines[0]
-                continue
-            moves = attached.moves
-            assert moves is not None, "effects below the skin move the body"
-            fitting[effect.name] = attached
-            moving.append(moves)
-            drives.append(moves.drive if moves.tuned is None else moves.tuned(effect))
+                moves = attached.moves
+                assert moves is not None, "effects below the skin move the body"
+                fitting[effect.name] = attached
+                moving.append(moves)
+                drives.append(moves.drive if moves.tuned is None else moves.tuned(effect))
         if not fitting:
             return ground, ground, {}
         every = tuple(fitting.values())
@@ -243,11 +237,9 @@ class LoadedAsset:
         except WrinkleError as error:
             fitting = []
             for patch in patches if len(patches) > 1 else ():
-                try:
+                with _noting(problems, patch.tool.name):
                     self._cluster(ground, [patch], settings)
                     fitting.append(patch)
-                except WrinkleError as alone:
-                    problems[patch.tool.name] = alone.lines[0]
             if fitting and len(fitting) < len(patches):
                 yield from self._planned(ground, fitting, settings, problems)
             else:
@@ -276,15 +268,12 @@ class LoadedAsset:
                 again = []
                 for part in cluster.parts:
                     patch = waiting.pop(part.attached.tool.name, None)
-                    if patch is not None and patch is not part.attached:
-                        try:
+                    if patch is part.attached:
+                        again.append(part)
+                    elif patch is not None:
+                        with _noting(problems, patch.tool.name):
                             made = sketch(patch, part.region, cluster.plan.fine, ground.contacts.held, part)
-                        except WrinkleError as error:
-                            problems[part.attached.tool.name] = error.lines[0]
-                            continue
-                    else:
-                        made = None if patch is None else part
-                    again += [] if made is None else [made]
+                            again += [] if made is None else [made]
                 if again:
                     yield cluster.with_parts(again)
         coarse = replace(settings, refinement=replace(settings.refinement, max_levels=0))
@@ -318,6 +307,15 @@ class LoadedAsset:
 
         # Rest poses share the skin, unless effects below it move it too.
         return self._skins.get_or_make((ground, *clusters) if ground.rig.drives else ground.rig.node, made)
+
+
+@contextmanager
+def _noting(problems: dict[str, str], name: str) -> Iterator[None]:
+    """Add an error in the block as the problem of a tool."""
+    try:
+        yield
+    except WrinkleError as error:
+        problems[name] = error.lines[0]
 
 
 def _key(ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile) -> tuple[object, ...]:

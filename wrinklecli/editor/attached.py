@@ -13,6 +13,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.skin import Skin, pose, prepare
+from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.body import OUTLINED, largest_moves, moves_at_rest
@@ -20,10 +21,10 @@ from wrinklecli.effects.effect import MeshPlan, Part, SamplingOptions, Seen
 from wrinklecli.effects.plan import mesh_warnings, skin_parts
 from wrinklecli.effects.sampling import moving_clips, play_below_skin
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, children, distinct_values
 from wrinklecli.numeric.guard import log_progress
 from wrinklecli.numeric.memory import Memory
+from wrinklecli.review.preview.peaks import tallest_clip
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest
@@ -254,9 +255,10 @@ class AttachedTool:
         """Its measurements and weights in each clip that moves its mesh."""
         return [cache.seen(self.ground, self.part, clip) for clip in moving_clips(self.plan, clips)]
 
-    def facts_in(self, cache: ClipCache, clips: Sequence[Clip]) -> list[Json]:
-        """Facts that an artist wants of it in each clip that moves its mesh."""
-        return [self.part.facts_in(self.plan, each) for each in self.seen(cache, clips)]
+    def greatest(self, cache: ClipCache, clips: Sequence[Clip]) -> tuple[Clip, float] | None:
+        """The clip that raises it most, as a review finds it, and the time, seconds; None if no clip raises it."""
+        found = tallest_clip([self.part.facts_in(self.plan, each) for each in self.seen(cache, clips)])
+        return None if found is None else (next(each for each in clips if each.name == found["name"]), found["time"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,6 +291,11 @@ class AttachedBelow:
     def holds(self, _place: Floats, triangle: int) -> bool:
         """True if a (3,) place at rest, on a triangle of the coarse mesh, is inside the outline."""
         return bool(self.outlined[triangle])
+
+    @property
+    def touch(self) -> TouchDrive | None:
+        """The drive of a touch; None for other effects."""
+        return None if self.attached.drag is None else self.attached.drag.drive
 
     @property
     def deltas(self) -> Floats:

@@ -7,8 +7,8 @@ threads.
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any
 
@@ -319,11 +319,9 @@ class Edits:
         """The current step, without a draft."""
         return self._steps[self._at]
 
-    @contextmanager
-    def _guarded(self) -> Iterator[None]:
+    def _guarded(self) -> AbstractContextManager[object]:
         """Let one thread in at a time."""
-        with self._lock:
-            yield
+        return self._lock
 
     def _merged(self, step: Step, now: str) -> Step:
         return replace(step, file=self._store.merged(step.file.text, now))

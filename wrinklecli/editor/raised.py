@@ -1,26 +1,25 @@
-"""A tool with the clip that raises it most, and the meshes of the asset over that clip, with it and without."""
+"""An effect with the clip that raises it most, and the meshes of the asset over that clip, with it and without."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from wrinklecli.character.clip import Clip
-from wrinklecli.editor.attached import AttachedTool, AttachedTools, PlayableMesh, ShownMesh
+from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clip_cache import ClipCache
 from wrinklecli.frozen import dataclass
-from wrinklecli.review.preview.peaks import tallest_clip
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RaisedTool:
-    """A tool and the clip that raises it most.
+    """An effect and the clip that raises it most, or in which it moves the skin most.
 
     Attributes:
         meshes: All meshes of the asset, with the tools that are shown.
-        time: The frame of the clip at which the tool is tallest, seconds.
+        time: The frame of the clip at which it is tallest, seconds.
     """
 
-    attached: AttachedTool
+    attached: AttachedTool | AttachedBelow
     meshes: tuple[PlayableMesh, ...]
     cache: ClipCache
     clip: Clip
@@ -36,18 +35,16 @@ class RaisedTool:
         return [ShownMesh(each, each.posed(self.clip, time, wrinkled=wrinkled)) for each in self.meshes]
 
     def height_at(self, time: float) -> float:
-        """The tool's height at a time of the clip, scene units."""
-        numbers = self.cache.numbers_at(self.attached.ground, self.attached.part, self.clip, time)
-        (height,) = self.attached.part.heights(self.attached.plan.fine, self.clip, numbers)
-        return float(height)
+        """The tool's height at a time of the clip, scene units, between those of its frames."""
+        return float(np.interp(time, *self.attached.heights(self.cache, self.clip)))
 
 
 def raised_tool(tools: AttachedTools, name: str, cache: ClipCache, clips: Sequence[Clip]) -> RaisedTool | None:
-    """Find the clip that raises a tool most, as a review does; None if the tool does not fit, or no clip raises it."""
-    attached = tools.tools.get(name)
-    found = None if attached is None else tallest_clip(attached.facts_in(cache, clips))
+    """Find the clip that raises an effect most; None if it does not fit, or no clip raises it."""
+    attached = tools.every.get(name)
+    found = None if attached is None else attached.greatest(cache, clips)
     if attached is None or found is None:
         return None
-    clip = next(clip for clip in clips if clip.name == found["name"])
+    clip, time = found
     times = cache.times(clip)
-    return RaisedTool(attached, tools.meshes, cache, clip, float(times[np.argmin(np.abs(times - found["time"]))]))
+    return RaisedTool(attached, tools.meshes, cache, clip, float(times[np.argmin(np.abs(times - time))]))

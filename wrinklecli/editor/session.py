@@ -6,7 +6,7 @@ All that is shown follows from the current step of the file. Methods may be call
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import count
 from typing import Any
 
@@ -15,7 +15,6 @@ import numpy as np
 from wrinklecli.character.clip import Clip, clip_named
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.scene import deforming_nodes
-from wrinklecli.drive.touch import TouchDrive
 from wrinklecli.editor.asset import LoadedAsset, ReadOptions
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, PlayableMesh, ShownMesh
 from wrinklecli.editor.clicked import NEW_KINDS, Clicked
@@ -55,8 +54,8 @@ class EditedTool:
         solo: The tool is among those that are shown alone.
         partner: Name of the tool that its `mirror` makes.
         problem: Reason why the tool does not fit the asset.
-        length: Distance from point to point as the file has them, a muscle's length, or a region's radius, scene units;
-            0 if it is not known.
+        length: Its length at rest, a muscle's length, or a region's radius, scene units. If it does not fit, the
+            distance from point to point as the file has them, or 0.
     """
 
     name: str
@@ -171,8 +170,7 @@ class Session(Edits):
         """A tool of a list by its own keys, and the values that count."""
         name, mirrored = str(own.get("name", "")), keys["mirror"].value not in (None, "none")
         partner = exchange_sides(name) if mirrored else None
-        problems, below, tool = attached.problems, attached.below.get(name), attached.tools.get(name)
-        unmeasured = tool.attached if tool is not None and tool.attached.segment is None else below
+        problems, found = attached.problems, attached.every.get(name)
         return EditedTool(
             name=name,
             list_key=list_key,
@@ -181,7 +179,7 @@ class Session(Edits):
             solo=name in self._base.solo,
             partner=partner,
             problem=problems.get(name) or (problems.get(partner) if partner else None),
-            length=length_of(own) if unmeasured is None else unmeasured.span,
+            length=length_of(own) if found is None else found.span,
         )
 
     def inherited(self, tool: EditedTool) -> dict[str, EffectiveValue]:
@@ -235,17 +233,8 @@ class Session(Edits):
         """
         pose = self.pose if posed else FreePose()
         if self._proposals is None or self._proposals[0] != pose:
-            options = self.read_options
-            found = suggest(
-                self.asset,
-                anims=options.anims,
-                range_of_motion=options.range_of_motion,
-                presets=self.settings().preset_files,
-                pose=pose.joint_turns,
-                morphs=pose.weights,
-                allow_external=options.allow_external,
-                max_memory=options.max_memory,
-            )
+            options = asdict(self.read_options) | {"presets": self.settings().preset_files}
+            found = suggest(self.asset, pose=pose.joint_turns, morphs=pose.weights, **options)
             # What was left out of several counts only where nothing remains; `suggest` says it in a terminal.
             self.notes += [*found.notes, f"{self.asset}: {found.reason}"] if found.reason else []
             self._proposals = pose, proposals_of(found)
@@ -404,21 +393,13 @@ class Session(Edits):
         """The weights, by node and number of the morph target, that the hand holds at a time of a clip."""
         if self.hand is None:
             return {}
-        touched, drive = self._touched(self.hand.name)
+        touched = self._attached().below.get(self.hand.name)
         # An edit of the touch takes the hand away.
-        if touched is None or drive is not self.hand.drive:
+        if touched is None or touched.touch is not self.hand.drive:
             return {}
         rig = touched.ground.rig
         weights = self.hand.weights_in(rig.own, clip, time)
         return {rig.node: dict(zip(touched.columns.tolist(), weights, strict=True))}
-
-    def _touched(self, name: str) -> tuple[AttachedBelow, TouchDrive] | tuple[None, None]:
-        """The touch of a name, on its mesh, and its drive; None twice if there is none that fits."""
-        found = self._attached().below.get(name)
-        drag = None if found is None else found.attached.drag
-        if found is None or drag is None:
-            return None, None
-        return found, drag.drive
 
     def hold(self, name: str, clip: str | None, time: float, origin: Floats, direction: Floats) -> Hand | None:
         """Press a hand on the skin of a touch, and slide it to where a ray meets the skin at a time of a clip.
@@ -426,7 +407,8 @@ class Session(Edits):
         `origin` and `direction` are (3,), world space. None, and nothing changes, if the ray goes away from the skin.
         """
         with self._guarded():
-            found, drive = self._touched(name)
+            found = self._attached().below.get(name)
+            drive = None if found is None else found.touch
             if found is None or drive is None:
                 return None
             slide = slide_to(drive, found.ground.rig.own, self._clip(clip), time, origin, direction)
@@ -434,11 +416,6 @@ class Session(Edits):
                 return None
             self.hand = Hand(name, drive, np.append(slide, drive.deepest))
             return self.hand
-
-    def is_touch(self, name: str) -> bool:
-        """True if the name is that of a touch that fits."""
-        with self._guarded():
-            return self._touched(name)[0] is not None
 
     def curve(self, tool: str, clip: str | None, time: float) -> Floats | None:
         """(points, 2) of a tool's control curve at a moment, scene units; None if the tool does not fit."""
@@ -458,16 +435,9 @@ class Session(Edits):
             return found.heights(self._loaded.cache, at)
 
     def raised(self, tool: str) -> RaisedTool | None:
-        """A tool of the file where it is tallest; None if it does not fit, or no clip raises it."""
+        """An effect of the file where it is tallest; None if it does not fit, or no clip raises it."""
         with self._guarded():
             return raised_tool(self._attached(), tool, self._loaded.cache, self.clips)
-
-    def greatest_move(self, name: str) -> tuple[str, float] | None:
-        """The clip, and the time in seconds, at which a muscle or flesh moves the skin most; None if none does."""
-        with self._guarded():
-            found = self._attached().below.get(name)
-            greatest = None if found is None else found.greatest(self._loaded.cache, self.clips)
-            return None if greatest is None else (greatest[0].name, greatest[1])
 
     def warnings(self) -> dict[str, list[str]]:
         """The warnings of `check` by tool, those about whole meshes under an empty name; may take seconds."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from itertools import takewhile
 from typing import Any
 
 import viser
@@ -107,9 +107,9 @@ class ToolControls:
 
     def _add(self, control: KeyControl) -> None:
         """Add the widgets of a key."""
-        if control.kind in ("list", "record"):
-            self._add_parts(control)
-        elif control.kind == "length" or control.also_json:
+        if control.kind == "list":
+            self._add_list(control)
+        elif control.kind in ("length", "record") or control.also_json:
             self._add_alternatives(control)
         elif control.kind == "json":
             self._add_json(control, control.title)
@@ -150,46 +150,57 @@ class ToolControls:
         return gui.add_number(title, start, min=low, max=high, step=step, hint=tip)
 
     def _add_alternatives(self, control: KeyControl) -> None:
-        """Add a choice of words, a slider for a length and a line of text for a mapping, if the key takes them."""
-        key, is_length = control.key, control.kind == "length"
-        words = [*control.choices, *([_LENGTH] if is_length else []), *([_MAPPING] if control.also_json else [])]
+        """Add a choice of words, and what some of them stand for: a length, numbers of a mapping, a line of text."""
+        key, details = control.key, dict[str, list[Any]]()
         choice: Any = None
+        forms = {_LENGTH: control.kind == "length", _OWN: control.kind == "record", _MAPPING: control.also_json}
+        words = [*control.choices, *(word for word, is_taken in forms.items() if is_taken)]
         if control.choices:
             choice = self._titled_widget(control, self._gui.add_dropdown(control.title, words, hint=control.tip))
-        details: dict[str, Any] = {}
-        if is_length:
-            details[_LENGTH] = self._gui.add_slider(
-                f"{control.title} (%)", control.low, control.high, control.step, control.low, hint=control.tip
-            )
+        if _LENGTH in words:
+            length = self._widget(control, f"{control.title} (%)")
             if choice is None:
-                self._titled_widget(control, details[_LENGTH])
-            on_user_change(details[_LENGTH], lambda: self._set(control, details[_LENGTH].value))
-        if control.also_json:
-            details[_MAPPING] = self._add_json(control, "…", visible=False)
+                self._titled_widget(control, length)
+            on_user_change(length, lambda: self._set(control, length.value))
+            details[_LENGTH] = [length]
+        if _OWN in words:
+            details[_OWN] = [self._widget(part, part.title) for part in control.parts]
+            for each in details[_OWN]:
+                on_user_change(each, lambda: self._change((key,), numbers(), "slides"))
+        if _MAPPING in words:
+            details[_MAPPING] = [self._add_json(control, "…", visible=False)]
+
+        def numbers() -> dict[str, float]:
+            pairs = zip(control.parts, details[_OWN], strict=True)
+            return {part.key: round(float(slider.value), _DIGITS) for part, slider in pairs}
 
         def show_detail(word: str) -> None:
-            for each, widget in details.items():
-                widget.visible = each == word
+            for each, widgets in details.items():
+                for widget in widgets:
+                    widget.visible = each == word
 
         def show() -> None:
-            value = self._values.get(key)
+            value: Any = self._values.get(key)
             word = NONE if value is None else value if value in control.choices else _LENGTH
             if isinstance(value, Mapping | list):
-                word = _MAPPING
+                word = _OWN if _OWN in words else _MAPPING
             if choice is not None:
                 choice.value = word if word in words else words[0]
             show_detail(word)
-            if is_length and word == _LENGTH:
-                _slide_to(details[_LENGTH], control, percent_of(value, self._distance))
+            if word == _LENGTH and _LENGTH in words:
+                _slide_to(length, control, percent_of(value, self._distance))
+            for part, slider in zip(control.parts, details.get(_OWN, ()), strict=True):
+                _slide_to(slider, part, value.get(part.key, part.default) if word == _OWN else part.default)
 
         def choose() -> None:
             value, before = choice.value, self._values.get(key)
             if value == _MAPPING:
                 show_detail(_MAPPING)
                 return
+            if value == _OWN:
+                value = numbers()
             if value == _LENGTH:
-                percent = details[_LENGTH].value
-                value = percent if isinstance(before, Mapping) else max(percent, _USUAL_PERCENT)
+                value = length.value if isinstance(before, Mapping) else max(length.value, _USUAL_PERCENT)
                 before = None
             self._change((key,), as_written(control, value, before, self._distance), "at once")
 
@@ -221,46 +232,23 @@ class ToolControls:
         self._shows.append(show)
         return widget
 
-    def _add_parts(self, control: KeyControl) -> None:
-        """Add a slider for each number. A list ends at its first 0; a mapping has all numbers or is not there."""
-        key, is_list = control.key, control.kind == "list"
-        choice: Any = None
-        if not is_list:
-            words = (*control.choices, _OWN)
-            choice = self._titled_widget(control, self._gui.add_dropdown(control.title, words, hint=control.tip))
+    def _add_list(self, control: KeyControl) -> None:
+        """Add a slider for each number of a list, which ends at its first 0."""
         sliders = [self._widget(part, part.title) for part in control.parts]
-        if choice is None:
-            self._titled_widget(control, sliders[0])
+        self._titled_widget(control, sliders[0])
 
         def show() -> None:
-            value: Any = self._values.get(key) or ([] if is_list else None)
-            if choice is not None:
-                choice.value = _OWN if isinstance(value, Mapping) else NONE
+            value = self._values.get(control.key) or []
             for number, (part, slider) in enumerate(zip(control.parts, sliders, strict=True)):
-                if is_list:
-                    slider.visible = number <= len(value)
-                    shown = value[number] if number < len(value) else 0.0
-                else:
-                    slider.visible = isinstance(value, Mapping)
-                    shown = (value or {}).get(part.key, part.default) if slider.visible else part.default
-                _slide_to(slider, part, shown)
+                slider.visible = number <= len(value)
+                _slide_to(slider, part, value[number] if number < len(value) else 0.0)
 
-        def change(mode: SetMode) -> None:
-            numbers = [round(float(slider.value), _DIGITS) for slider in sliders]
-            if is_list:
-                count = next((k for k, number in enumerate(numbers) if number == 0), len(numbers))
-                self._change((key,), numbers[:count], mode)
-            else:
-                parts = zip(control.parts, numbers, strict=True)
-                self._change((key,), {part.key: number for part, number in parts}, mode)
+        def change() -> None:
+            numbers = (round(float(slider.value), _DIGITS) for slider in sliders)
+            self._change((control.key,), [*takewhile(bool, numbers)], "slides")
 
         for slider in sliders:
-            on_user_change(slider, partial(change, "slides"))
-        if choice is not None:
-            on_user_change(
-                choice,
-                lambda: change("at once") if choice.value == _OWN else self._change((key,), NONE, "at once"),
-            )
+            on_user_change(slider, change)
         self._shows.append(show)
 
     def _add_strength(self, clip: str, control: KeyControl) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import viser
 
-from wrinklecli.editor.page.pictures import ONE, after_alone, image
+from wrinklecli.editor.page.pictures import ONE, image, picture_of
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
 from wrinklecli.editor.page.widgets import ASKS, PageHost, show_changed
@@ -64,7 +64,7 @@ class MaterialPanel:
         raised = self._session.try_material(tool, name)
         if raised is not None and self._time is None:
             self._time = clear_time(raised)  # one time for all, so that they can be compared
-        picture = None if raised is None else after_alone(raised, self._time or 0.0, self._viewport.paints)
+        picture = None if raised is None else picture_of(raised, self._time or 0.0, self._viewport.paints)
 
         def show() -> None:
             if tool != self._tool or not self._waiting:

@@ -314,12 +314,10 @@ class Page:
         self._tool_panel.label = tool.name
         self._typed_name.show(tool.name, tool.name)
         self._both_sides.value = tool.partner is not None
-        attached = self.session.attached_tools().get(tool.name)
-        span = tool.length if attached is None else attached.span
         for key, controls in self._controls.items():
             controls.set_visible(visible=key == tool.list_key)
         controls = self._controls[tool.list_key]
-        controls.show(tool.keys, self.session.inherited(tool), span or 1.0, [*self.session.presets])
+        controls.show(tool.keys, self.session.inherited(tool), tool.length or 1.0, [*self.session.presets])
         self._brush.show(tool.name if "mask" in tool.keys else None)
         self._materials.show(tool.name if tool.list_key == "tools" else None)
 
@@ -403,18 +401,17 @@ class Page:
         """Turn the cameras to the chosen tool where it is tallest, or seen before; a pose that is set by hand stays."""
         if self.chosen is None:
             return
-        if self.player.clip != POSE and self.chosen in self.session.attached():
+        attached = self.session.attached().get(self.chosen)
+        if self.player.clip != POSE and attached is not None:
             raised = self.session.raised(self.chosen)
-            found = self.session.greatest_move(self.chosen) if raised is None else (raised.clip.name, raised.time)
-            if found is None:
-                how = _DRAG_DOT if self.session.is_touch(self.chosen) else _TURN
+            if raised is None:
+                how = _TURN if attached.attached.drag is None else _DRAG_DOT
                 self.say(f"{self.chosen}: no clip raises it. {how}", ASKS)
             else:
-                clip, tallest = found
-                time = tallest if raised is None else clear_time(raised)
+                time, tallest, clip = clear_time(raised), raised.time, raised.clip.name
                 self.player.go(clip, time)
                 hidden = "" if time == tallest else f", where the fold hides it; this is {time:.2f} s"
-                does = "moves the skin most" if raised is None else "is tallest"
+                does = "is tallest" if attached.attached.moves is None else "moves the skin most"
                 self.say(f"{self.chosen} {does} at {tallest:.2f} s of {clip}{hidden}")
         self._viewport.look_at_tool(self.chosen)
 

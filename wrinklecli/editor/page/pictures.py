@@ -25,19 +25,27 @@ ONE, BOTH = f"{_WIDTH}/{_HEIGHT}", f"{2 * _WIDTH + _GAP}/{_HEIGHT}"
 """Width/height of a picture, and of the one before and after."""
 
 
-def before_and_after(raised: RaisedTool, time: float, paints: Mapping[int, Sequence[Paint]]) -> Bytes:
-    """Draw a tool's place at a time of its clip before and after: (height, width, 3) sRGB.
+def picture_of(
+    raised: RaisedTool, time: float, paints: Mapping[int, Sequence[Paint]], *, before: bool = False
+) -> Bytes:
+    """Draw a tool's place at a time of its clip, from the side that shows most of it: (height, width, 3) sRGB.
 
-    `paints` are those of each node's primitives.
+    Args:
+        raised: The tool.
+        time: Seconds.
+        paints: Those of each node's primitives.
+        before: Draw it without the wrinkles, too, on the left.
     """
-    before, after = _drawn(raised, time, paints, (False, True))
-    return np.hstack([before, np.full((_HEIGHT, _GAP, 3), 255, np.uint8), after])
-
-
-def after_alone(raised: RaisedTool, time: float, paints: Mapping[int, Sequence[Paint]]) -> Bytes:
-    """Draw a tool's place with the tool, as `before_and_after` does."""
-    (after,) = _drawn(raised, time, paints, (True,))
-    return after
+    nodes = [mesh.ground.rig.node for mesh in raised.meshes]
+    bodies = [body_of(mesh, paints[node]) for mesh, node in zip(raised.meshes, nodes, strict=True)]
+    number = nodes.index(raised.attached.ground.rig.node)
+    mesh, points = raised.meshes[number], raised.shown(time)[number].positions
+    outline = outline_of(raised.attached, mesh, number, (0.0, 0.0, 0.0))
+    camera = frame_tool(outline, bodies[number], points, mesh.ground.surface.triangles, margin=_MARGIN)
+    shown = (raised.shown(time, wrinkled=wrinkled) for wrinkled in ([False, True] if before else [True]))
+    first, *second = (render(_snapshot(bodies, each), camera, size=(_WIDTH, _HEIGHT)) for each in shown)
+    gap = np.full((_HEIGHT, _GAP, 3), 255, np.uint8)
+    return np.hstack([first, gap, *second]) if second else first
 
 
 def image(picture: Bytes | None, shape: str) -> str:
@@ -46,20 +54,6 @@ def image(picture: Bytes | None, shape: str) -> str:
     if picture is None:
         return f'<div style="{style}"></div>'
     return f'<img src="data:image/jpeg;base64,{base64.b64encode(jpeg_of(picture)).decode()}" style="{style}">'
-
-
-def _drawn(
-    raised: RaisedTool, time: float, paints: Mapping[int, Sequence[Paint]], states: Sequence[bool]
-) -> list[Bytes]:
-    """Draw all meshes without wrinkles or with them, from the side that shows most of the tool."""
-    nodes = [mesh.ground.rig.node for mesh in raised.meshes]
-    bodies = [body_of(mesh, paints[node]) for mesh, node in zip(raised.meshes, nodes, strict=True)]
-    number = nodes.index(raised.attached.ground.rig.node)
-    mesh, points = raised.meshes[number], raised.shown(time)[number].positions
-    outline = outline_of(raised.attached, mesh, number, (0.0, 0.0, 0.0))
-    camera = frame_tool(outline, bodies[number], points, mesh.ground.surface.triangles, margin=_MARGIN)
-    every = (_snapshot(bodies, raised.shown(time, wrinkled=wrinkled)) for wrinkled in states)
-    return [render(each, camera, size=(_WIDTH, _HEIGHT)) for each in every]
 
 
 def _snapshot(bodies: Sequence[Body], shown: Sequence[ShownMesh]) -> Snapshot:

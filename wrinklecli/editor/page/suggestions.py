@@ -8,7 +8,7 @@ import viser
 
 from wrinklecli.editor.free_pose import POSE, FreePose
 from wrinklecli.editor.page.drawn_scene import HINTED
-from wrinklecli.editor.page.pictures import BOTH, before_and_after, image
+from wrinklecli.editor.page.pictures import BOTH, image, picture_of
 from wrinklecli.editor.page.player import Player
 from wrinklecli.editor.page.viewpoints import clear_time
 from wrinklecli.editor.page.viewport import Viewport
@@ -94,7 +94,7 @@ class SuggestPanel:
         """Try a proposal on the asset and draw it; on the slow thread."""
         raised = self._session.try_out(row.proposal) if row in self._rows else None
         time = 0.0 if raised is None else clear_time(raised)
-        picture = None if raised is None else before_and_after(raised, time, self._viewport.paints)
+        picture = None if raised is None else picture_of(raised, time, self._viewport.paints, before=True)
 
         def show() -> None:
             if row in self._rows:

@@ -89,7 +89,7 @@ class Viewport:
         self._bodies: tuple[Body, ...] = ()
         self._outlines: dict[str, tuple[object, ToolOutline]] = {}  # on the present triangles
         self._chosen: str | None = None
-        self._hinted: AttachedTool | None = None
+        self._hinted: AttachedTool | AttachedBelow | None = None
         # The greatest compression of meshes, which is shown while a place is sought.
         self._compressed: dict[Ground, Compressed] | None = None
         self._sought: dict[PlayableMesh, Floats] = {}  # its colours, which stay while a clip plays
@@ -301,7 +301,7 @@ class Viewport:
         _, outline = self._outlines.get(name, (None, None))
         return "none" if outline is None else f"rgb{tuple(round(255 * each) for each in outline.colour)}"
 
-    def hint_at(self, tool: AttachedTool | None) -> None:
+    def hint_at(self, tool: AttachedTool | AttachedBelow | None) -> None:
         """Outline a tool that is not in the file, in place of the one before; None for no tool."""
         if tool is not self._hinted:
             self._hinted = tool
