@@ -13,7 +13,7 @@ import yaml
 import wrinklecli
 from kit.asset import Asset
 from kit.fields import bake_field, field, sleeve_and_field
-from kit.limb import RADIUS, limb_asset, tool, write_tools
+from kit.limb import RADIUS, limb_asset, sleeved_limb, tool, write_tools
 from kit.muscles import arm, muscle
 from kit.pictures import BUMPY, draw, limb, near, picture
 from kit.touch import plate, touch
@@ -321,6 +321,18 @@ def test_a_field_is_shown_where_it_folds_most_and_covers_nothing(tmp_path: Path)
     (peak,) = peaks_of(still, tools)
     assert not peak.raised
     assert "no clip folds it" in words(peak)
+
+
+@pytest.mark.slow
+def test_a_card_has_the_colour_of_its_mark(tmp_path: Path) -> None:
+    """Behind a field on another mesh, too, which has no mark."""
+    asset, out = sleeved_limb(rings=24, sides=12).write(tmp_path / "limb.glb"), tmp_path / "a.png"
+    sleeve = tool(**BUMPY, node="sleeve") | {"origin": [-0.3, RADIUS + 0.04, 0.0], "target": [0.3, RADIUS + 0.04, 0.0]}
+    tools = write_tools(tmp_path / "tools.yaml", sleeve, fields=[field()], refinement={"max_levels": 0})
+    assert draw([asset], out, tools=tools, review=True, **SMALL).shown == "1 tool, 1 field"
+    shown = picture(out)
+    assert near(shown, INKS[0], within=5) > 20
+    assert near(shown, INKS[1], within=5) == 0
 
 
 @pytest.mark.slow

@@ -131,7 +131,8 @@ def _ruled(camera: Camera, size: tuple[int, int], axes: Floats, across: int, num
         strokes.append(line(value, -far, far, colour, weight, 0.45))
         strokes.append(line(value, -far, -far + 2 * tick, INK, 1.2, 1.0))
         at = size[across] / 2 + (1, -1)[across] * sign * (value - middle) * pixels
-        if _SPACE / 2 < (at if across == 0 else height - at) < size[across] - _SPACE / 2:
+        # Half a space beyond where the name of an axis may stand, at either end.
+        if 0.75 * _SPACE < (at if across == 0 else height - at) < size[across] - 0.75 * _SPACE:
             labels.append(_beside(across, at, height, _label(value, step), INK))
     # At the end to which the axis points stands its name, and no number.
     end = size[across] - _SPACE / 4 if (sign > 0) == (across == 0) else _SPACE / 4

@@ -28,7 +28,7 @@ from wrinklecli.review.preview.peaks import FIELDS, TOOLS, Fact, Peak, baked_pea
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
 from wrinklecli.review.preview.render import Snapshot, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large, rgb_bytes
-from wrinklecli.review.preview.shown import INKS, ShownAsset, read_shown, take_snapshot
+from wrinklecli.review.preview.shown import ShownAsset, read_shown, take_snapshot
 from wrinklecli.review.preview.sides import Side, best_light, best_moment, best_side, side_above
 from wrinklecli.tools.schema import KINDS
 
@@ -64,7 +64,7 @@ _LEGEND_WORD = 42
 
 @dataclass(frozen=True, slots=True)
 class _Shot:
-    """A tool to draw on the card of a number, in the colour numbered `ink`.
+    """A tool to draw on the card of a number.
 
     It is shown at its peak, or earlier if its wrinkles are hidden then. The view has one camera. The pictures are of
     what folds it, and how, if it is `measured`; else before and after.
@@ -72,7 +72,6 @@ class _Shot:
 
     number: int
     peak: Peak
-    ink: int
     moment: Moment
     view: View
     measured: bool = False
@@ -136,11 +135,11 @@ def review(
     refuse_large(cards_size(*cells, size, rows), 1, path)
     options = replace(options, size=size)
     shots: list[_Shot] = []
-    for ink, peak in enumerate(shown):
+    for looked, peak in enumerate(shown, 1):
         for moment, view in moments_and_views(after, peak, options):
             for measured in (False, True)[: 1 + (peak.section == FIELDS)]:
-                shots.append(_Shot(len(shots), peak, ink, moment, view, measured))
-        progress("looking", ink + 1, len(shown))
+                shots.append(_Shot(len(shots), peak, moment, view, measured))
+        progress("looking", looked, len(shown))
     sheet = CardSheet(*cells, size, rows, _title(document, planned, sections))
     cards = chain(_cards(before, after, shots, options), enumerate(_misfit_cards(before, misfits, options), len(shots)))
     for done, (number, card) in enumerate(cards):
@@ -215,9 +214,11 @@ def _cards(
 ) -> Iterator[tuple[int, Card]]:
     """The cards of tools with their numbers, in any order."""
     # Tools that are tallest at the same moment share its snapshots.
-    together: dict[tuple[Moment, int], list[_Shot]] = {}
+    together: dict[tuple[Moment, object], list[_Shot]] = {}
     for shot in shots:
-        together.setdefault((shot.moment, -1 if shot.peak.raised else shot.ink), []).append(shot)
+        together.setdefault((shot.moment, None if shot.peak.raised else (shot.peak.node, shot.peak.name)), []).append(
+            shot
+        )
     for (moment, _), members in together.items():
         source = after if members[0].peak.raised else _alone(after, members[0].peak)
         snapshots = tuple(take_snapshot(each, moment, heat=options.heat) for each in (before, source))
@@ -260,7 +261,7 @@ def _card(shot: _Shot, snapshots: Sequence[Snapshot], key: Floats, options: Prev
     words = _draw_legend(pictures[0]) if shot.measured else ()
     return Card(
         name=shot.peak.name,
-        colour=INKS[shot.ink % len(INKS)] if marked.marks else None,
+        colour=marked.marks[0].colour if marked.marks else None,
         aside=shot.aside,
         facts=shot.facts,
         pictures=[Picture(*each) for each in zip(pictures, labels, (words, ()), strict=True)],
