@@ -95,7 +95,7 @@ def test_a_field_shows_what_its_material_gives_and_a_list_as_one_by_hand() -> No
         values = effective_values({"name": "a", "joints": joints}, {}, presets(), Field)
         shown.show(values, {}, 0.5, list(presets()))
         assert gui.others["joints"].value == word
-    assert [gui.sliders[title].value for title in ("wavelength (%)", "slack (%)", "variation")] == [10.0, 4.0, 0.15]
+    assert [gui.sliders[title].value for title in ("wavelength (%)", "slack (%)", "variation")] == [10.0, 1.0, 0.15]
     assert gui.others["node"].value == "", "for none"
     assert "clips" not in gui.others
 
