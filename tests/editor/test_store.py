@@ -107,7 +107,7 @@ def test_a_crash_loses_nothing(path: Path) -> None:
     again.save()
     assert [each.name for each in path.parent.iterdir() if each.is_file()] == ["tools.yaml"]
     assert not [*Path(f"{path}.own").iterdir()]
-    assert opened(path).undoable is None
+    assert opened(path).undo() is None
 
 
 @pytest.mark.slow

@@ -95,16 +95,6 @@ class Edits:
         """True if there is something to save."""
         return self.text != self.saved_text
 
-    @property
-    def undoable(self) -> str | None:
-        """The edit that `undo` would take back, in words."""
-        return self._base.done if self._at else None
-
-    @property
-    def redoable(self) -> str | None:
-        """The edit that `redo` would make again, in words."""
-        return self._steps[self._at + 1].done if self._at + 1 < len(self._steps) else None
-
     def settings(self) -> ToolsFile:
         """Read the enabled tools of the file as a bake does, without a draft."""
         return self._settings_of(self._base.file)
@@ -240,12 +230,12 @@ class Edits:
         with self._guarded():
             self._push(replace(self._base, solo=frozenset(tools), done="solo"))
 
-    def undo(self) -> bool:
-        """Go one step back; False if there is none."""
+    def undo(self) -> str | None:
+        """Go one step back, and say in words which edit that takes back; None if there is none."""
         return self._go(-1)
 
-    def redo(self) -> bool:
-        """Go one step forward; False if there is none."""
+    def redo(self) -> str | None:
+        """Go one step forward, and say in words which edit that makes again; None if there is none."""
         return self._go(1)
 
     # The file on disk.
@@ -384,14 +374,14 @@ class Edits:
             self._at = len(self._steps) - 1
         self._keep()
 
-    def _go(self, by: int) -> bool:
+    def _go(self, by: int) -> str | None:
         with self._lock:
-            self._draft = None
-            able = 0 <= self._at + by < len(self._steps)
-            if able:
-                self._at += by
-                self._keep()
-            return able
+            before, self._draft = self._at, None
+            if not 0 <= before + by < len(self._steps):
+                return None
+            self._at += by
+            self._keep()
+            return self._steps[max(before, self._at)].done
 
     def _keep(self) -> None:
         """Write unsaved text to the side file; note once if that fails."""

@@ -287,14 +287,14 @@ def test_two_clicks_make_a_muscle(page: Page) -> None:
 
 def test_one_click_is_for_a_field_and_cancel_ends_what_does_not_fit(page: Page) -> None:
     page._pointer.press("fields")
-    assert page._pointer._buttons.content.count("Cancel") == 1
+    assert page._pointer.buttons.content.count("Cancel") == 1
     assert click(page, 9.0) == "There is no mesh. Click the garment that folds."
     for x in (-0.3, 0.3):
         message = click(page, x)
         assert "limb is faceted" in message
         assert message.endswith("\nClick another place, or Cancel.")
     page._pointer.give_up()
-    assert "Cancel" not in page._pointer._buttons.content
+    assert "Cancel" not in page._pointer.buttons.content
     begun, press = [], one_of(lambda: [*NEW_KINDS], page._pointer.press)
     for number in ("2", "0", "0", "9", "x"):  # a muscle, a tool in its place, the tool's button again, and no button
         press(number, None)  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 
 from wrinklecli.character.paints import Colour
-from wrinklecli.editor.page.drawing import Body, DrawnMesh, SurfacePoints, ToolOutline, line_between
+from wrinklecli.editor.page.drawing import Body, SurfacePoints, ToolOutline, line_between
 from wrinklecli.editor.page.painted_mesh import PaintedMesh, image_of
 from wrinklecli.editor.page.widgets import show_changed
 from wrinklecli.frozen import dataclass
@@ -78,7 +78,8 @@ class DrawnScene:
         for number, (body, places) in enumerate(zip(bodies, points, strict=True)):
             for part, mesh in enumerate(body.meshes):
                 key, name = (number, part), f"/asset/body{number}.{part}"
-                if look == "heat" or (look == "textures" and _has_colours(mesh)):
+                has_colours = mesh.paint.texture is not None or np.ptp(mesh.paint.colours, axis=0).any()
+                if look == "heat" or (look == "textures" and has_colours):
                     texture = None if look == "heat" else mesh.paint.texture
                     painted = PaintedMesh(mesh.triangles, mesh.paint.coordinates, texture)
                     normals = vertex_normals(places, body.triangles)
@@ -229,11 +230,6 @@ def _dots_of(outline: ToolOutline) -> list[tuple[tuple[str, int], int]]:
     """The kind and number of each dot of a tool, and its point of the outline."""
     kinds = (("anchor", outline.anchors), ("edge", outline.edges), ("skin", outline.skins))
     return [((kind, number), spot) for kind, spots in kinds for number, spot in enumerate(spots.tolist())]
-
-
-def _has_colours(mesh: DrawnMesh) -> bool:
-    """True if a mesh has more than one colour."""
-    return mesh.paint.texture is not None or bool(np.ptp(mesh.paint.colours, axis=0).any())
 
 
 def _bytes_of(colour: Sequence[float]) -> tuple[int, int, int]:

@@ -214,7 +214,7 @@ class Page:
             "draw": self._materials.draw,
             "material": one_of(lambda: [*self._materials.titles], self._materials.take),
             "proposal": self._suggest_panel.point_at,
-            "keys": self._show_keys,
+            "keys": lambda *_: self.say("\n".join(f"{key}: {does}" for key, does in self.keys.items()), QUIET),
         }
         run_script(self, heard)
 
@@ -336,11 +336,10 @@ class Page:
         show_changed(self._names, "options", names)
         self._names.value = self.chosen or _ALL
         # With a tool chosen, the rest makes room for its sliders.
-        for each in (self._files.opened, self._suggest_panel.folder):
+        for each in (self._files.opened, self._suggest_panel.folder, self._pointer.buttons):
             show_changed(each, "visible", self.chosen is None)
         show_changed(self._list, "visible", self.chosen is None and bool(tools))
         self._names.visible = self.chosen is not None
-        self._pointer.make_room(for_tool=self.chosen is not None)
         rows = "".join(self._row_of(number, tool) for number, tool in enumerate(tools))
         show_changed(self._rows, "content", (_COLUMN if self._moves else "") + rows)
 
@@ -489,10 +488,6 @@ class Page:
         self.commit()
         self.session.enable(tool.name, enabled=not tool.enabled)
         self.refresh()
-
-    def _show_keys(self, _value: str, _tab: viser.ClientHandle) -> None:
-        """Say what each key does."""
-        self.say("\n".join(f"{key}: {does}" for key, does in self.keys.items()), QUIET)
 
     def _choose_named(self) -> None:
         name = self._names.value

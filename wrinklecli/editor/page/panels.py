@@ -80,8 +80,7 @@ class FileButtons:
 
     def _step(self, *, forward: bool) -> None:
         self._page.commit()
-        step = self._session.redoable if forward else self._session.undoable
-        (self._session.redo if forward else self._session.undo)()
+        step = self._session.redo() if forward else self._session.undo()
         self._page.refresh()
         self._page.say(
             f"{'redone' if forward else 'undone'}: {step}" if step else f"nothing to {'redo' if forward else 'undo'}"

@@ -41,7 +41,7 @@ _ICONS = {
 
 
 class Pointer:
-    """The mouse on the mesh."""
+    """The mouse on the mesh, and the `buttons` that begin a new effect."""
 
     def __init__(self, page: PageHost) -> None:
         self._page, self._work, self._session = page, page.work, page.session
@@ -56,7 +56,7 @@ class Pointer:
 
     def add_buttons(self) -> None:
         """Add the buttons that begin a new effect, of which the pressed one ends it."""
-        self._buttons: Any = self._page.server.gui.add_html("")
+        self.buttons: Any = self._page.server.gui.add_html("")
         self._show_buttons()
 
     def press(self, list_key: str) -> None:
@@ -77,7 +77,7 @@ class Pointer:
             f"{_CANCEL if key == self._new else kind.title}</button>"
             for number, (key, kind) in enumerate(NEW_KINDS.items())
         )
-        show_changed(self._buttons, "content", f'<div style="{_ROW}">{buttons}</div>')
+        show_changed(self.buttons, "content", f'<div style="{_ROW}">{buttons}</div>')
 
     def hover(self, value: str, tab: viser.ClientHandle) -> None:
         """Show where a click would take a place of the new effect, and the line to it from the one before."""
@@ -92,10 +92,6 @@ class Pointer:
             self._end()
             self._page.say("")
         return begun
-
-    def make_room(self, *, for_tool: bool) -> None:
-        """Hide the buttons of new effects while a tool is shown."""
-        show_changed(self._buttons, "visible", not for_tool)
 
     def _end(self) -> None:
         self._new, self._hits = None, []

@@ -231,10 +231,6 @@ class Viewport:
     def _points(self) -> list[Floats]:
         return [mesh.positions for mesh in self.shown]
 
-    def _all_points(self) -> Floats:
-        """(points, 3) of all shown meshes; the origin if there are none."""
-        return np.concatenate(self._points) if any(map(len, self._points)) else np.zeros((1, 3))
-
     def _show_bodies(self) -> None:
         """Show meshes that are new or look different."""
         look: Look = self._look.value if self._compressed is None else "heat"
@@ -311,7 +307,8 @@ class Viewport:
 
     def look_at_all(self, side: str = "front") -> None:
         """Turn the cameras to the whole asset, from a side and a little from above."""
-        self._point_cameras(frame_asset(self._all_points(), side))
+        points = np.concatenate(self._points) if any(map(len, self._points)) else np.zeros((1, 3))
+        self._point_cameras(frame_asset(points, side))
 
     def look_at_tool(self, name: str) -> None:
         """Turn the cameras to a tool, or to the one that is hinted at (`HINTED`), if it fits the asset."""
