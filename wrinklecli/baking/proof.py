@@ -8,7 +8,7 @@ import numpy as np
 from wrinklecli.baking.apart import Frames, Pair
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, primitives_of, shared_vertices
 from wrinklecli.character.clip import KEY_GAP, Clip, read_clips
-from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, pose_at
+from wrinklecli.character.pose import Pose, joint_matrices, morph_weights, poses_at
 from wrinklecli.character.rig import Rig, read_rig
 from wrinklecli.character.skin import Influences, prepare
 from wrinklecli.character.sparse_targets import SparseDeltas, Targets, read_sparse_deltas
@@ -390,7 +390,7 @@ def _vertex_errors(
             worst_time = float(times[int(bounds.max(axis=1).argmax())])
     if len(shaded) and proof.normals is not None:
         whole = np.concatenate([*moved.displacements(proof, shaded)], axis=2)
-        poses = [pose_at(rig, clip, time) for time in times[shaded].tolist()]
+        poses = poses_at(rig, clip, times[shaded])
         angles = proof.normals.angles(whole, played[shaded, own:], poses)
     return worst, worst_time, angles
 

@@ -32,8 +32,12 @@ class Pose:
 
 def pose_at(rig: Rig, clip: Clip, time: float) -> Pose:
     """A mesh at a time of a clip, seconds."""
-    times = np.array([time])
-    return Pose(joint_matrices(rig, clip, times)[0], morph_weights(rig, clip, times)[0])
+    return poses_at(rig, clip, np.array([time]))[0]
+
+
+def poses_at(rig: Rig, clip: Clip, times: Floats) -> list[Pose]:
+    """A mesh at (frames,) seconds of a clip."""
+    return [*map(Pose, joint_matrices(rig, clip, times), morph_weights(rig, clip, times))]
 
 
 def joint_matrices(rig: Rig, clip: Clip | None, times: Floats, joints: Ints | None = None) -> Floats:

@@ -24,12 +24,15 @@ ROUNDING = 1e-9
 _SLIVER = 1e-12
 
 
-def nearest_of(places: Floats, points: Floats) -> tuple[Floats, Ints]:
-    """(points,) distances and indices of the nearest of (places, 3) to each of (points, 3)."""
+def nearest_of(places: Floats, points: Floats, *, within: float = np.inf) -> tuple[Floats, Ints]:
+    """(points,) distances and indices of the nearest of (places, 3) to each of (points, 3).
+
+    Distances of `within` or more are infinite.
+    """
     # Imported here, as scipy takes longer to import than all of numpy, and few commands need a k-d tree.
     from scipy.spatial import cKDTree
 
-    distances, indices = cKDTree(places).query(points)
+    distances, indices = cKDTree(places).query(points, distance_upper_bound=within)
     return np.asarray(distances, np.float64), np.asarray(indices, np.intp)
 
 
