@@ -275,7 +275,8 @@ class Crease:
     def _lengths(self, weights: Floats) -> Floats:
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
         parts = portions(len(weights), self.shapes[0].size if len(self.shapes) else 1)
-        squares = [np.sum(np.tensordot(weights[part], self.shapes, axes=1) ** 2, axis=2) for part in parts]
+        moves = (np.tensordot(weights[part], self.shapes, axes=1) for part in parts)
+        squares = [np.einsum("fvi,fvi->fv", each, each) for each in moves]
         return np.asarray(np.sqrt(np.concatenate([np.zeros(0), *(each.max(axis=1, initial=0.0) for each in squares)])))
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:

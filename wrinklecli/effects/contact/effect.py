@@ -116,9 +116,7 @@ class ContactWords:
         assert up in ("y", "z")
         parts = self._clip_words()
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
-        crossing = {
-            node for clip, times in acting for node in self.crease.fold.whole.meshes_crossing_themselves(clip, times)
-        }
+        crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}
         if crossing:
             nodes = listed(sorted(crossing))
             parts.append(f"{nodes} goes through itself there: contact leaves that, and what has no room beneath")

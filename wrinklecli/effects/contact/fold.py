@@ -93,7 +93,6 @@ class Fold:
         crossed: (vertices,) True for those that cross without contact, in the fold's own motion or in clips.
         others: The parts of other meshes that may touch the fold.
         parts: The folds of which this is the union; none in a fold of one joint.
-        cut_from: If this is only the part that contact may move, the fold with all that it may cross.
     """
 
     patches: tuple[Patch, ...]
@@ -111,7 +110,6 @@ class Fold:
     movers: tuple[Mover, ...] = ()
     others: tuple[SkinnedMesh, ...] = ()
     parts: "tuple[Fold, ...]" = ()
-    cut_from: "Fold | None" = None
 
     @property
     def per_clip(self) -> bool:
@@ -169,18 +167,13 @@ class Fold:
         return self.apart < FREE * SOFT
 
     @property
-    def whole(self) -> "Fold":
-        """The fold with all that it may cross."""
-        return self.cut_from or self
-
-    @property
     def solved_part(self) -> "Fold":
-        """The part that the solver asks for: what contact may move, and neighbours, whose areas count for stiffness.
+        """The part that contact or the fold's tools may move, with neighbours, whose areas count for stiffness.
 
-        So its solution does not depend on what changes further away.
+        Nothing that changes further away changes its solution.
         """
-        beside = widened(self.crossings.edges, self.near)
-        return replace(self.part(np.asarray(beside[self.triangles].any(axis=1))), cut_from=self)
+        beside = widened(self.crossings.edges, self.near | self.raised)
+        return self.part(np.asarray(beside[self.triangles].any(axis=1)))
 
     def part(self, chosen: Bools) -> "Fold":
         """The fold with the chosen (triangles,) and their vertices only."""
@@ -288,7 +281,8 @@ class Fold:
         """
         patches = [carried.patch for carried, *_ in self.moved]
         if clip is not None and clip.index < 0:
-            return [looked_up(each.curve, each.segment.lengths(self.rig, clip, times)) for each in patches]
+            known = dict[int, Floats]()
+            return [looked_up(each.curve, each.segment.lengths(self.rig, clip, times, known)) for each in patches]
         return [each.amplitudes for each in activities(patches, self.rig, clip, times)]
 
     def at_height(self, factor: float) -> "Fold":
@@ -312,7 +306,7 @@ class Fold:
         for (carried, here, there), amplitudes in zip(self.moved, self._amplitudes(clip, times), strict=True):
             yield here
             if carried.ring is None:
-                yield from (carried.patch.clip_strength(clip) * amplitudes, carried.shapes(there))
+                yield from (carried.patch.clip_strength(clip) * amplitudes, carried.shapes[..., there])
                 yield carried.directions[there]
             else:
                 yield displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
@@ -429,7 +423,8 @@ def _within(fold: Fold, reach: float) -> Fold:
 
 def grown(fold: Fold, further: Ints, distance: float) -> Fold:
     """The same fold with all of its mesh that is within a distance of some fine vertices at rest, scene units."""
-    near = nearest_of(fold.fine.rest_positions[further], fold.fine.rest_positions)[0] <= distance
+    places = fold.fine.rest_positions
+    near = np.isfinite(nearest_of(places[further], places, within=distance)[0])
     near[fold.vertices] = True
     return _between(fold, near, fold.vertices[fold.own[: len(fold.vertices)]])
 

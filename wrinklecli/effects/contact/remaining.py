@@ -22,7 +22,7 @@ from wrinklecli.drive.drive import Rows
 from wrinklecli.effects.contact.fold import FAINT, Fold, Poses, evenly
 from wrinklecli.effects.contact.pose_faults import TORN, WORSE
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values
 
 if TYPE_CHECKING:
     from wrinklecli.effects.contact.crease import Crease, Followed, Moves
@@ -95,11 +95,7 @@ def nearness(strides: Floats, chosen: Ints) -> Floats:
     return np.asarray(np.maximum(1.0 - apart / FADE, 0.0))
 
 
-def shown_in(
-    creases: "Sequence[Crease]",
-    followed: "Sequence[Followed]",
-    beside: "Sequence[Moves]",
-) -> Shown:
+def shown_in(creases: "Sequence[Crease]", followed: "Sequence[Followed]", beside: "Sequence[Moves]") -> Shown:
     """Find what folds that are solved together show in a clip.
 
     `beside` are the moves of folds that are solved before. Crossings are counted in frames in which contact acts, or
@@ -107,7 +103,7 @@ def shown_in(
     """
     clip, times = followed[0].clip, followed[0].times
     moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
-    looks = [_Look(each.fold.whole, each.fold.free_vertices, clip, times, moves, beside) for each in creases]
+    looks = [_Look(each.fold, clip, times, moves, beside) for each in creases]
     strides = np.concatenate([each.fold.strides(clip, times).T for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
     torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
@@ -187,8 +183,7 @@ class _Look:
     """A fold in the frames of a clip.
 
     Attributes:
-        fold: The fold, with all that it may cross.
-        free: (free,) sorted fine vertices that contact may move.
+        fold: The fold.
         clip: The clip.
         times: (frames,) seconds at which it was marched.
         moves: The moves by contact of the folds that are solved together.
@@ -196,7 +191,6 @@ class _Look:
     """
 
     fold: Fold
-    free: Ints
     clip: Clip
     times: Floats
     moves: "Sequence[Moves]"
@@ -205,7 +199,7 @@ class _Look:
     @cached_property
     def counting(self) -> Bools:
         """(vertices,) True for those that contact or the fold's tools may move."""
-        return flags_of(self.fold.shared_with(self.free)[0], len(self.fold.own)) | self.fold.raised
+        return (self.fold.tissue.free & self.fold.own) | self.fold.raised
 
     @cached_property
     def _still(self) -> set[tuple[int, int]]:

@@ -3,32 +3,25 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import groupby
 from operator import call
 from typing import TypeVar
 
 import numpy as np
 
 from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
-from wrinklecli.character.pose import pose_at
+from wrinklecli.character.pose import poses_at
 from wrinklecli.drive.drive import Drive
+from wrinklecli.drive.play import Playing
 from wrinklecli.drive.swing import signed
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.contact.crease import Crease, Followed, MarchedClip, march_clip, resolve
-from wrinklecli.effects.contact.effect import (
-    MOST_APART,
-    SECTION,
-    ContactWords,
-    contact_effect,
-)
+from wrinklecli.effects.contact.effect import MOST_APART, SECTION, ContactWords, contact_effect
 from wrinklecli.effects.contact.fitting import MOST_WEIGHT
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.kept import MOST_BYTES, Spanned, read, solution_key, written
 from wrinklecli.effects.contact.remaining import Shown, shown_in
-from wrinklecli.effects.contact.system import (
-    System,
-    near_each_other,
-    with_crossings,
-)
+from wrinklecli.effects.contact.system import System, near_each_other, with_crossings
 from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
 from wrinklecli.effects.sampling import duplicates_of
@@ -82,12 +75,7 @@ def resolve_folds(
 
 
 def _refuse_large(
-    systems: Sequence[list[Fold]],
-    clips: Sequence[Clip],
-    how: SamplingOptions,
-    at_once: int,
-    *,
-    where: str,
+    systems: Sequence[list[Fold]], clips: Sequence[Clip], how: SamplingOptions, at_once: int, *, where: str
 ) -> None:
     """Check that memory holds what so many systems of folds solve at once: their sweeps, and a clip of each.
 
@@ -216,13 +204,7 @@ def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
     return systems
 
 
-def _followed(
-    plan: MeshPlan,
-    spanned: Spanned,
-    clips: _Clips,
-    effects: Sequence[Effect],
-    jobs: int,
-) -> list[Effect]:
+def _followed(plan: MeshPlan, spanned: Spanned, clips: _Clips, effects: Sequence[Effect], jobs: int) -> list[Effect]:
     """The effects of folds that are solved together, on top of earlier ones."""
     creases, firsts = [crease for crease, _ in spanned], [*spanned[0][1]] if spanned else []
     before = [each.words for each in effects if isinstance(each.words, ContactWords)]
@@ -324,26 +306,23 @@ def _nonnegative(shapes: Sequence[Shape | None]) -> list[Shape | None]:
 
 
 def _samples(plan: MeshPlan, crease: Crease, effects: Sequence[Effect]) -> list[Sample]:
-    """States in which the normals of a fold are to be right, on top of the shapes of earlier effects."""
-    return [
-        Sample(
-            weights,
-            pose_at(plan.rig, clip, time),
-            beneath=[pair for each in effects for pair in _acting(each, plan, clip, time)],
-        )
-        for weights, clip, time in crease.samples
-    ]
+    """States in which the normals of a fold are to be right, on top of the shapes of earlier effects.
 
-
-def _acting(effect: Effect, plan: MeshPlan, clip: Clip, time: float) -> list[tuple[Shape, float]]:
-    """The shapes of a tool or field that act at a moment of a motion that is in no file, without a spring."""
-    drive = effect.drive
-    if isinstance(effect.words, WrinkleWords) and isinstance(drive, Drive) and drive.signal is not None:
-        drive = replace(drive, lag=None)
-    elif not isinstance(drive, TurnDrive):
-        return []
-    (weights,) = drive.weights_in(plan.rig, clip)(np.array([time]))
-    return [(each.shape, float(weight)) for each, weight in zip(effect.targets, weights, strict=True) if weight]
+    These are tools and fields, which act there without a spring, as some of the motions are in no file.
+    """
+    wrinkles = [(each.targets, each.drive) for each in effects if isinstance(each.words, WrinkleWords)]
+    tools = [(each, replace(drive, lag=None)) for each, drive in wrinkles if isinstance(drive, Drive) and drive.signal]
+    acting = tools + [(each.targets, each.drive) for each in effects if isinstance(each.drive, TurnDrive)]
+    shapes = [target.shape for targets, _ in acting for target in targets]
+    samples = list[Sample]()
+    for _, poses in groupby(crease.samples, key=lambda each: id(each[1])):
+        rows, (clip, *_), moments = zip(*poses, strict=True)
+        times = np.array(moments)
+        beneath = Playing([drive for _, drive in acting], plan.rig, clip).at(times).tolist()
+        for row, pose, weights in zip(rows, poses_at(plan.rig, clip, times), beneath, strict=True):
+            pairs = [(shape, weight) for shape, weight in zip(shapes, weights, strict=True) if weight]
+            samples.append(Sample(row, pose, beneath=pairs))
+    return samples
 
 
 def _identifier(plan: MeshPlan, fold: Fold, effects: Sequence[Effect]) -> str:

@@ -9,7 +9,7 @@ alone: a set of targets for the whole system would have to follow several joints
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from wrinklecli.effects.contact.solution import Solution
 from wrinklecli.effects.contact.tissue import FREE, SOFT, UNITS, Tissue
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, distinct_values, flags_of
+from wrinklecli.numeric.closest import meets_box
 
 # Poses of a sweep that are checked for crossings before it is solved, from rest to its end.
 _CROSSING_POSES = 8
@@ -175,15 +176,12 @@ def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
     """
     touched = np.asarray(np.isin(fold.vertices, chosen)[fold.triangles].any(axis=1))
 
+    rows = distinct_values(fold.triangles[touched].ravel())
+
     def coming(poses: Poses) -> Ints:
         near: Ints = touched.astype(np.intp)
         for positions, _ in poses:
-            meeting = np.ones(len(near), bool)
-            for places in np.ascontiguousarray(positions.T):
-                corners = [places.take(each) for each in fold.triangles.T]
-                low, high = reduce(np.minimum, corners), reduce(np.maximum, corners)
-                meeting &= (low <= high[touched].max()) & (low[touched].min() <= high)
-            near |= meeting
+            near |= meets_box(positions, positions[rows].min(axis=0), positions[rows].max(axis=0), fold.triangles)
         return near
 
     return fold.part(fold.searched(looks, len(touched), coming, touched) > 0)

@@ -9,6 +9,7 @@ projects vertices onto the patch anew each frame, as module `posed` does for `at
 """
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from wrinklecli.effects.wrinkle.posed import Ring
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CarriedPatch:
     """A tool on the vertices that it moves.
 
@@ -83,12 +84,13 @@ class CarriedPatch:
         if not len(amplitudes):
             return 0.0
         highest = distinct_values(np.argmax(np.abs(self.patch.curve.heights(amplitudes)), axis=0).ravel())
-        heights = np.einsum("fgm,gmv->fv", amplitudes[highest], self.shapes()) * self.magnitudes
+        heights = np.einsum("fgm,gmv->fv", amplitudes[highest], self.shapes) * self.magnitudes
         return abs(self.patch.clip_strength(clip)) * float(np.abs(heights).max())
 
-    def shapes(self, chosen: Ints | None = None) -> Floats:
-        """(groups, modes, vertices) heights of the curve per unit of amplitude, at all vertices or (chosen,)."""
-        return (self.places if chosen is None else self.places.of(chosen)).shapes(self.patch.curve)
+    @cached_property
+    def shapes(self) -> Floats:
+        """(groups, modes, vertices) heights of the curve per unit of amplitude."""
+        return self.places.shapes(self.patch.curve)
 
 
 def carry(patch: Patch, fine: Refinement, pinned: Bools) -> CarriedPatch:
@@ -162,5 +164,5 @@ def displacements(
         from wrinklecli.effects.wrinkle.posed import posed_displacements
 
         return posed_displacements(patch, carried.ring, fine, rig, clip, times, amplitudes)
-    heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes())
+    heights = np.einsum("fgm,gmv->fv", amplitudes, carried.shapes)
     return np.asarray(heights[..., None] * carried.directions)

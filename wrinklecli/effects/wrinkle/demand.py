@@ -214,7 +214,7 @@ class _Line:
         at = np.flatnonzero(np.isin(used, carried.vertices))
         moved = np.searchsorted(carried.vertices, used[at])
         directions[at] = carried.directions[moved] / patch.shape_strength
-        shapes[..., at] = carried.shapes(moved)
+        shapes[..., at] = carried.shapes[..., moved]
         return cls(
             mesh=fine.skinned(rig, used),
             directions=directions,

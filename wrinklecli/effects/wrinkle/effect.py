@@ -73,7 +73,7 @@ def shapes_of(carried: CarriedPatch, fine: Refinement, risen: Sequence[Risen]) -
     wrinkles have `risen`; there are none on a mesh without normals.
     """
     curve = carried.patch.curve
-    scaled = carried.shapes() * curve.greatest_amplitudes[..., None]
+    scaled = carried.shapes * curve.greatest_amplitudes[..., None]
     between = _Between.of(carried, fine) if risen else None
     shapes: list[Shape | None] = []
     for group, heights in enumerate(scaled):

@@ -246,7 +246,7 @@ def _rooms(fine: Refinement, vertices: Ints, heights: Floats, way: float) -> Flo
 def _peaks(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> tuple[Floats, Floats]:
     """(vertices,) greatest moves of each vertex of a tool outwards, and inwards, scene units."""
     patch, curve = carried.patch, carried.patch.curve
-    shapes = carried.shapes()
+    shapes = carried.shapes
     moved = [np.zeros(len(carried.us))]
     if not clips:
         moved.append(np.einsum("gm,gmv->v", curve.greatest_amplitudes, shapes) * carried.magnitudes)
