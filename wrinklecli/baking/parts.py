@@ -116,13 +116,13 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
     Returns:
         (parts, targets) and (kinds,) the part of each kind.
     """
-    sets, sizes, groups = kinds.astype(np.float64), counts.copy(), np.arange(len(kinds))
+    sets, sizes = kinds.astype(np.float64), counts.copy()
     alive = np.argsort(-counts, kind="stable")
     # Most of thousands of kinds have a few faces: these join the best of the largest.
     alive, few = alive[:_COMPARED], alive[_COMPARED:]
     for kind in few:
         into = int(alive[np.argmin(_costs(sets[alive], sizes[alive], sets[kind], sizes[kind]))])
-        _join(sets, sizes, groups, into, int(kind))
+        _join(sets, sizes, into, int(kind))
     # (parts, parts) the cost of joining each two; infinite if one is gone, and for a part with itself.
     costs = np.stack([_costs(sets[alive], sizes[alive], sets[k], sizes[k]) for k in alive])
     np.fill_diagonal(costs, np.inf)
@@ -132,16 +132,17 @@ def _joined(kinds: Bools, counts: Floats) -> tuple[Bools, Ints]:
         # A target has two texels for a vertex, POSITION and NORMAL, and surfaces have two faces for a vertex.
         if costs[one, other] * TEXEL_BYTES > _WORTH and remaining <= _MOST:
             break
-        _join(sets, sizes, groups, int(alive[one]), int(alive[other]))
+        _join(sets, sizes, int(alive[one]), int(alive[other]))
         gone[other] = True
         row = _costs(sets[alive], sizes[alive], sets[alive[one]], sizes[alive[one]])
         row[gone] = row[one] = np.inf
         costs[one], costs[:, one] = row, row
         costs[other] = costs[:, other] = np.inf
-    alive = alive[~gone]
-    numbers = np.zeros(len(kinds), np.intp)
-    numbers[alive] = np.arange(len(alive))
-    return sets[alive] > 0, numbers[groups]
+    # Each kind goes to the part with the fewest targets that has all of its own: parts were others when it joined.
+    made = sets[alive[~gone]]
+    lacking = kinds.sum(axis=1)[:, None] > kinds @ made.T
+    used, parts = np.unique(np.where(lacking, np.inf, made.sum(axis=1)).argmin(axis=1), return_inverse=True)
+    return np.stack([kinds[parts == part].any(axis=0) for part in range(len(used))]), parts
 
 
 def _costs(sets: Floats, sizes: Floats, other: Floats, size: float) -> Floats:
@@ -151,7 +152,6 @@ def _costs(sets: Floats, sizes: Floats, other: Floats, size: float) -> Floats:
     return np.asarray(both * (sizes + size) - each * sizes - more * size)
 
 
-def _join(sets: Floats, sizes: Floats, groups: Ints, into: int, kind: int) -> None:
+def _join(sets: Floats, sizes: Floats, into: int, kind: int) -> None:
     sets[into] = np.maximum(sets[into], sets[kind])
     sizes[into] += sizes[kind]
-    groups[groups == kind] = into
