@@ -69,7 +69,7 @@ def tallest(field: AttachedField) -> Floats:
 
 def across(ground: Ground, field: AttachedField) -> Floats:
     """(coarse vertices, 3) unit directions across the crests, without signs."""
-    return shortest(field.directions, tangents(ground.rest.normals))[1]
+    return shortest(field.region.directions, tangents(ground.rest.normals))[1]
 
 
 def plane(length: float, width: float, cells: int) -> tuple[Floats, Array]:

@@ -168,7 +168,7 @@ def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
     _, shares = bent_tube(wavelength="10%")
     _, usual = bent_tube()
     assert units.wavelength == pytest.approx(0.1 * girth)
-    assert np.ptp(units.wavelengths) == 0.0
+    assert np.ptp(units.region.wavelengths) == 0.0
     assert shares.wavelength == pytest.approx(0.1 * girth, rel=0.05)
     assert usual.wavelength == pytest.approx(shares.wavelength)
     assert (units.span, usual.span) == pytest.approx((girth, girth), rel=0.05)
@@ -183,7 +183,7 @@ def test_waves_are_longer_on_thicker_limbs() -> None:
     asset.gltf["accessors"][number] |= {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     ground, field = attached(asset, wavelength="10%")
     x = ground.rest.positions[:, 0]
-    thin, thick = (field.wavelengths[np.abs(x - at) < 0.05].mean() for at in (-0.6, 0.6))
+    thin, thick = (field.region.wavelengths[np.abs(x - at) < 0.05].mean() for at in (-0.6, 0.6))
     assert thick / thin == pytest.approx(np.sqrt(1.3 / 0.7), rel=0.1)
 
 
@@ -271,12 +271,12 @@ def test_a_shape_acts_plainly_or_not_at_all() -> None:
 def test_edges_of_low_crests_may_be_longer() -> None:
     """They are split by what is left of the height there, and by how wide a crest is."""
     _, found = attached(tube(rings=81, sides=24), variation=0.15, wavelength="9%")
-    (region,) = found.regions
-    rest, plain = region.pose, replace(region, irregular=replace(found.irregular, variation=0.0))
+    region, irregular = found.region, found.region.irregular
+    rest, plain = region.pose, replace(region, irregular=replace(irregular, variation=0.0))
     edges = edges_of(rest.triangles[region.members])
     mesh = SimpleNamespace(of_vertices=lambda used, values: values[used], triangles=rest.triangles)
     steps, even = (each.steps(mesh)(edges) for each in (region, plain))
-    _, *numbers, _ = found.irregular.crests(rest.positions, rest.normals, found.directions, found.slants)
+    _, *numbers, _ = irregular.crests(rest.positions, rest.normals, region.directions, region.slants)
     longer, higher = np.mean(numbers, axis=1)
     wanted = np.log(np.sqrt(higher[edges].max(axis=1)) / longer[edges].mean(axis=1))
     acting = (even > 0) & (region.shares[edges].max(axis=1) < 0.5)

@@ -94,10 +94,10 @@ def test_a_field_is_level_where_its_lines_turn_at_once() -> None:
     plan = plan_of({"name": "folds", "variation": 0})
     (field,) = layer_of(plan).attached
     free = np.ones(len(plan.fine.positions))
-    lengthways = np.tile([-1.0, 0, 0, 0, 0, 0], (len(field.directions), 1))
     moved = []
-    for directions in (lengthways, np.tile([-1.0, -1.0, -1.0, 0, 0, 0], (len(field.directions), 1))):
-        found = carry.displaced(replace(field, directions=directions), plan.fine, free)
+    for line in ([-1.0, 0, 0, 0, 0, 0], [-1.0, -1.0, -1.0, 0, 0, 0]):
+        region = replace(field.region, directions=np.tile(line, (len(field.region.directions), 1)))
+        found = carry.displaced(replace(field, region=region), plan.fine, free)
         radial = plan.fine.rest_positions * [0.0, 1.0, 1.0]
         moved.append(np.sum(found.deltas[0] * radial, axis=1) / np.linalg.norm(radial, axis=1))
     waves, level = moved

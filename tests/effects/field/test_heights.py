@@ -267,7 +267,7 @@ def test_more_slack_makes_lower_folds() -> None:
 def test_longer_waves_are_higher_in_proportion() -> None:
     """But for what averages over a wavelength take off, a fold twice as long along the compression is twice as high."""
     fields = [bent_tube(wavelength=wavelength)[1] for wavelength in (0.08, 0.16)]
-    low, high = (field.greatest_height * np.sqrt(1.0 - np.median(field.slants) ** 2) for field in fields)
+    low, high = (field.greatest_height * np.sqrt(1.0 - np.median(field.region.slants) ** 2) for field in fields)
     assert 1.5 < high / low < 2.1
 
 
@@ -280,9 +280,9 @@ def test_crests_round_a_limb_are_those_between_flat_facets() -> None:
     """These sink as far as its folds are high: by the square of their length over eight radii."""
     ground, field = bent_tube(wavelength=0.08, slack="4%")
     straight = np.abs(ground.rest.positions[:, 0] - ground.rest.positions[:, 0].mean()) < 0.5
-    slant = float(np.median(field.slants[straight]))
+    slant = float(np.median(field.region.slants[straight]))
     long = 0.08 / slant
     assert 0.2 < slant < np.sqrt(0.5)
     assert 0.05 < long**2 / (8.0 * RADIUS) / 0.08 < 1.0 / np.pi
-    thin, thick = (float(np.median(bent_tube(wavelength=each)[1].slants)) for each in (0.08, 0.16))
+    thin, thick = (float(np.median(bent_tube(wavelength=each)[1].region.slants)) for each in (0.08, 0.16))
     assert thick / thin == pytest.approx(np.sqrt(2.0), rel=0.1)

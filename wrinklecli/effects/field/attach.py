@@ -63,11 +63,7 @@ class AttachedField(Attached[Field]):
         wavelength: From crest to crest at rest, scene units.
         sweeps: The poses in which it was measured.
         factors: Half heights by shapes on the coarse surface.
-        directions: (vertices, 6) those of `Heights`: crests run across the least.
-        slants: (vertices,) those of `Heights`.
-        wavelengths: (vertices,) those of places, scene units.
-        irregular: How its crests differ.
-        regions: The part of the surface.
+        region: The part of the surface.
         drive: The weights of its targets.
         notes: A line for each texture that cannot be read, if its substances are looked for.
     """
@@ -78,16 +74,17 @@ class AttachedField(Attached[Field]):
     wavelength: float
     sweeps: Sweeps
     factors: Factors
-    directions: Floats
-    slants: Floats
-    wavelengths: Floats
-    irregular: Irregular
-    regions: tuple[FieldRegion]
+    region: FieldRegion
     drive: TurnDrive
     notes: tuple[str, ...] = ()
 
     moves: ClassVar[None] = None
     covers: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def regions(self) -> tuple[FieldRegion]:
+        """The one region."""
+        return (self.region,)
 
     @property
     def span(self) -> float:
@@ -97,7 +94,7 @@ class AttachedField(Attached[Field]):
     @property
     def greatest_height(self) -> float:
         """The height of its tallest fold at rest; skinning lowers those on the inner side of a bend."""
-        return self.regions[0].greatest_height
+        return self.region.greatest_height
 
     @property
     def bump_width(self) -> float:
@@ -185,11 +182,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         wavelength,
         sweeps,
         factors,
-        measured.directions,
-        measured.slants,
-        wavelengths,
-        irregular,
-        (region,),
+        region,
         drive_of(tool, sweeps, factors),
         () if tool.substance is None else tuple(ground.pictures.notes),
     )

@@ -57,11 +57,9 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     It is lowered below layers over the mesh that is `shown`, and where it would be at fault, in bends and clips. In a
     sketch, for which none is, it is not: lowering takes several times as long as all else.
     """
-    shapes = attached.factors.shapes
+    shapes, region = attached.factors.shapes, attached.region
     count = len(shapes)
-    values = fine.subdivision.interpolate(
-        np.vstack([shapes, attached.directions.T, attached.slants, attached.wavelengths]).T
-    )
+    values = fine.subdivision.interpolate(np.vstack([shapes, region.directions.T, region.slants, region.wavelengths]).T)
     greatest = values[:, :count].max(axis=1)
     faces = fine.triangles[(greatest[fine.triangles] > _LEAST * greatest.max()).any(axis=1)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
@@ -106,8 +104,8 @@ def _waves(
         values: (vertices, 8) directions and slants of `Heights`, and wavelengths.
         shares: (vertices,) parts of the greatest height.
     """
-    fabric, places, seed = attached.fabric, sheet.positions, attached.irregular.seed
-    lines, longer, higher, agreed = attached.irregular.crests(places, normals, values[:, :6], values[:, 6])
+    fabric, places, irregular = attached.fabric, sheet.positions, attached.region.irregular
+    lines, longer, higher, agreed = irregular.crests(places, normals, values[:, :6], values[:, 6])
     wavelengths, trust = values[:, 7] * longer, np.clip(shares, 0.0, 1.0)
 
     def families(broader: Floats | float) -> tuple[list[Sides], Floats]:
@@ -125,7 +123,7 @@ def _waves(
     shown = np.clip(average.of(np.clip(2.0 - _lengths(ends, waves, sheet), 0.0, 1.0)), 0.0, 1.0)
     at_vertices, at_middles = [], []
     for sides, uneven in zip(every, shown / broader * higher, strict=True):
-        psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=seed)
+        psi = phases(sides, places, sheet.triangles, trust, attached.wavelength, seed=irregular.seed)
         # No direction is right where lines turn at once.
         psi *= agreed[:, None]
         at_vertices.append(uneven * _height(fabric, psi))

@@ -145,7 +145,7 @@ class _Slopes:
         one, other = np.concatenate([edges, edges[:, ::-1], np.stack([itself, itself], axis=1)]).T
         order = np.argsort(one, kind="stable")
         ways = fine.rest_positions[one] - fine.rest_positions[other]
-        directions = fine.subdivision.interpolate(attached.directions)
+        directions = fine.subdivision.interpolate(attached.region.directions)
         across = np.maximum(-along((directions[one] + directions[other]) / 2.0, ways, ways), 0.0)
         lengths = np.sqrt(np.sum(ways**2, axis=1) + (_ACROSS**-2 - 1.0) * across)
         rises = lengths[order] / attached.wavelength
