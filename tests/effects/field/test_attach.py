@@ -10,7 +10,7 @@ import pytest
 
 from kit.asset import Asset, Json, attribute
 from kit.garments import attached, bent_tube, cut_open, split_materials, tallest, tube, with_attribute
-from kit.limb import RADIUS
+from kit.limb import LENGTH, RADIUS
 from wrinklecli.effects.field import attach
 from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.errors import WrinkleError
@@ -172,6 +172,27 @@ def test_wavelengths_are_scene_units_or_per_cent_of_the_girth() -> None:
     assert shares.wavelength == pytest.approx(0.1 * girth, rel=0.05)
     assert usual.wavelength == pytest.approx(shares.wavelength)
     assert (units.span, usual.span) == pytest.approx((girth, girth), rel=0.05)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_girth_is_that_of_the_surface_wherever_bones_are(share: float) -> None:
+    """The first joint lies where the second one is, so its bone has no length, or far beside the limb."""
+    asset = tube()
+    first, second = asset.gltf["nodes"][1:3]
+    assert first["children"] == [2]
+    beside = np.array([LENGTH / 2.0, 4.0 * share * RADIUS, 0.0])
+    first["translation"] = (np.array(first["translation"]) + beside).tolist()
+    second["translation"] = (np.array(second["translation"]) - beside).tolist()
+    binds = np.tile(np.eye(4), (2, 1, 1))
+    binds[0, 3, :3] = [0.0, -beside[1], 0.0]
+    asset.gltf["skins"][0]["inverseBindMatrices"] = asset.accessor(binds.reshape(2, 16))
+    _, field = attached(asset)
+    assert field.girth == pytest.approx(2.0 * np.pi * RADIUS, rel=0.03)
+
+
+def test_a_part_of_what_goes_round_a_limb_has_the_girth_of_the_whole() -> None:
+    _, part = attached(cut_open(tube(sides=32), 0.1))
+    assert part.girth == pytest.approx(2.0 * np.pi * RADIUS, rel=0.03)
 
 
 def test_waves_are_longer_on_thicker_limbs() -> None:

@@ -21,7 +21,6 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.laplacian import Average, Sheet
-from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
@@ -50,6 +49,8 @@ UNSEEN = 0.05
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3
+# Replaces a divisor of 0.
+_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,9 +127,9 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         raise BakeError(f"{name} has no triangle with an area", where=where)
     fabric = FABRICS[tool.material]
     sheet = Sheet.of(rest.positions, surface.triangles[members])
-    depths, girth, wavelength = _girth(tool, ground, sheet)
+    radii, girth, wavelength = _girth(tool, ground, sheet)
     near, wave, beyond = averages_over(sheet, wavelength)
-    ratios = np.clip(beyond.of(2.0 * np.pi * depths / girth), _THINNEST, _THICKEST)
+    ratios = np.clip(beyond.of(2.0 * np.pi * radii / max(girth, _TINY)), _THINNEST, _THICKEST)
     # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
     wavelengths = wavelength * (np.sqrt(ratios) if tool.wavelength.percent else np.ones(len(ratios)))
     turns = turns_of(ground, _joints(tool, ground))
@@ -224,20 +225,44 @@ def _joints(tool: Field, ground: Ground) -> list[int]:
 
 
 def _girth(tool: Field, ground: Ground, sheet: Sheet) -> tuple[Floats, float, float]:
-    """(vertices,) depths of the bones beneath, the girth of limbs, and the typical wavelength, scene units.
+    """(vertices,) radii of the limbs beneath, their girth, and the typical wavelength, scene units.
 
     Raises:
         BakeError: It is longer than the mesh.
     """
     size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
-    depths = BoneLines.of(ground).distances(sheet.positions)
-    girth = 2.0 * np.pi * float(weighted_quantiles(depths, sheet.areas, np.array([0.5]))[0])
-    found = tool.wavelength.resolve(girth)
+    radii = _radii(ground, sheet.areas)
+    girth = 2.0 * np.pi * float(weighted_quantiles(radii, sheet.areas, np.array([0.5]))[0])
+    found = tool.wavelength.resolve(girth or np.inf)  # what is flat belongs to no limb
     if not found < size:
         raise BakeError(
             f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
         )
-    return depths, girth, found
+    return radii, girth, found
+
+
+def _radii(ground: Ground, areas: Floats) -> Floats:
+    """(vertices,) radii of the limbs beneath: for each joint the mean distance, along normals, from where these meet.
+
+    Bones say less: there are some without a length, beside a limb, or none before the first joint that turns.
+    """
+    joints, places, normals = ground.surface.joints, ground.rest.positions, ground.rest.normals
+    sizes = ground.surface.weights**2 * areas[:, None]  # what a joint hardly moves hardly counts
+    wholes = np.maximum(np.bincount(joints.ravel(), sizes.ravel()), _TINY)
+
+    def means(values: Floats) -> Floats:
+        """(joints, n) means of (vertices, influences or 1, n) values."""
+        shares = sizes[..., None] * values
+        return np.stack([np.bincount(joints.ravel(), each.ravel()) / wholes for each in np.moveaxis(shares, 2, 0)], 1)
+
+    # The nearest point to all lines along normals: the middle of a tube, and that of what is a part of its round.
+    middles = means(places[:, None])
+    across = np.eye(3) - normals[:, :, None] * normals[:, None]
+    forms = means(across.reshape(-1, 1, 9)).reshape(-1, 3, 3)
+    pulls = means((across @ places[:, :, None]).transpose(0, 2, 1)) - np.einsum("jab,jb->ja", forms, middles)
+    middles += np.einsum("jab,jb->ja", np.linalg.pinv(forms, hermitian=True), pulls)
+    apart = np.abs(np.einsum("vki,vi->vk", places[:, None] - middles[joints], normals))
+    return np.asarray(np.average(means(apart[..., None])[joints, 0], axis=1, weights=sizes))
 
 
 def _allowed(tool: Field, ground: Ground, members: Ints, sheet: Sheet, wave: Average, wavelength: float) -> Floats:
