@@ -1,6 +1,7 @@
-"""Hold bakes against cloth that was simulated: `python compare.py FOLDER [SCENE]…`, after simulate.py.
+"""Hold bakes against cloth that was simulated: `python compare.py FOLDER [OTHER] [SCENE]…`, after simulate.py.
 
-Prints a table, and writes results.csv beside this module if all scenes were asked for.
+Prints a table, and writes results.csv beside this module if all scenes were asked for. OTHER is a second folder of
+simulate.py, with a seed. How far two simulations of slightly uneven cloth differ is the least that a bake can reach.
 """
 
 import csv
@@ -38,7 +39,7 @@ STRIP_BUMPS = {"denim": 5, "leather": 3}
 COLUMNS = (
     *("scene", "cloth", "frame", "shorter", "what"),
     *(field.name for field in fields(Folds)),
-    *("turned", "overlap", "aslant", "crest_length", "crest_width", "seconds"),
+    *("turned", "turned_far", "overlap", "aslant", "crest_length", "crest_width", "seconds"),
 )
 
 
@@ -65,10 +66,14 @@ def looks_of(scene: Scene, cloth: str, simulated: Array) -> dict[str, Json]:
     """The lists that are baked of a scene, by name."""
     found = {variant: tool_of(scene, cloth, variant) for variant in VARIANTS}
     if scene.sides:
-        rest = scene.cloth.positions
-        apart = np.median([folds(scene, simulated[frame], rest, frame).wavelength for frame in FRAMES])
-        found |= dict(zip(FIELDS, (field_of(cloth), field_of(cloth, float(apart))), strict=True))
+        found |= dict(zip(FIELDS, (field_of(cloth), field_of(cloth, distance(scene, simulated))), strict=True))
     return found
+
+
+def distance(scene: Scene, simulated: Array) -> float:
+    """The median distance of simulated crests, m."""
+    rest = scene.cloth.positions
+    return float(np.median([folds(scene, simulated[frame], rest, frame).wavelength for frame in FRAMES]))
 
 
 def folds(scene: Scene, positions: Array, rest: Array, frame: int) -> Folds:
@@ -77,9 +82,15 @@ def folds(scene: Scene, positions: Array, rest: Array, frame: int) -> Folds:
     return measure(positions[scene.lines], smooth[scene.lines], normals, rest[scene.lines])
 
 
-def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
+def read(folder: Path, scene: Scene, cloth: str) -> tuple[Array, float]:
+    """(frames, vertices, 3) simulated positions, and seconds a frame."""
     with np.load(folder / f"{scene.name}_{cloth}.npz") as stored:
-        simulated, spent = stored["positions"].astype(float), float(stored["seconds"].mean())
+        return stored["positions"].astype(float), float(stored["seconds"].mean())
+
+
+def rows_of(scene: Scene, cloth: str, folder: Path, other: Path | None = None) -> list[tuple[object, ...]]:
+    simulated, spent = read(folder, scene, cloth)
+    anew = read(other, scene, cloth) if other is not None and scene.sides else None
     baked, baked_rests = {}, {}
     for variant, listed in looks_of(scene, cloth, simulated).items():
         file, seconds = bake(scene, listed, folder / f"{scene.name}_{cloth}_{variant}")
@@ -89,22 +100,26 @@ def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
         )
     rows: list[tuple[object, ...]] = []
     rest, middle = scene.cloth.positions, scene.lines[len(scene.lines) // 2]
+    apart = distance(scene, simulated)
     for number, frame in enumerate(FRAMES):
         base = scene.posed(scene.cloth, share_of(frame))
         shorter = 1.0 - _lengths(base, middle) / _lengths(rest, middle)
         every = {"simulated": (simulated[frame], spent)}
+        every |= {} if anew is None else {"simulated anew": (anew[0][frame], anew[1])}
         every |= {f"baked, {name}": (posed[number], cost) for name, (posed, cost) in baked.items()}
         for what, (positions, cost) in every.items():
             found = folds(scene, positions, rest, frame)
-            if what != "simulated":
+            if what.startswith("baked"):
                 fine = baked_rests[what.removeprefix("baked, ")]
                 found = replace(found, arc=float(np.mean(arc_lengths(positions, fine, scene.lines))))
-            relief = [float("nan")] * 5
+            relief = [float("nan")] * 6
             if scene.sides:
-                true, ours = (Relief.of(scene, each[: len(rest)], base) for each in (simulated[frame], positions))
-                relief = [true.turned(ours), true.overlap(ours), ours.aslant, *ours.crest]
+                true, ours = (
+                    Relief.of(scene, each[: len(rest)], base, apart) for each in (simulated[frame], positions)
+                )
+                relief = [*true.turned(ours), true.overlap(ours), ours.aslant, *ours.crest]
             if what == "simulated":
-                relief[:2] = float("nan"), float("nan")
+                relief[:3] = [float("nan")] * 3
             rows.append((scene.name, cloth, frame, shorter, what, *astuple(found), *relief, cost))
     return rows
 
@@ -114,12 +129,14 @@ def _lengths(positions: Array, line: Array) -> float:
 
 
 def main() -> None:
-    folder = Path(sys.argv[1])
-    rows = [row for name in sys.argv[2:] or SCENES for cloth in LOOKS for row in rows_of(SCENES[name](), cloth, folder)]
+    folder, *names = sys.argv[1:]
+    other = Path(names.pop(0)) if names and names[0] not in SCENES else None
+    scenes = [SCENES[name]() for name in names or SCENES]
+    rows = [row for scene in scenes for cloth in LOOKS for row in rows_of(scene, cloth, Path(folder), other)]
     written = [[f"{each:.4g}" if isinstance(each, float) else each for each in row] for row in rows]
     for row in [COLUMNS, *written]:
         print(*(f"{each!s:>14}" for each in row))
-    if not sys.argv[2:]:
+    if not names:
         with (HERE / "results.csv").open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([COLUMNS, *written])
 

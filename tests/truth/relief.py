@@ -17,6 +17,8 @@ _HANG, _SHARPNESS = 0.15, 4
 # Standard deviation of the averages of slopes and of squared heights, metres: half of most simulated distances of
 # crests, so that single crests even out.
 _NEAR = 0.05
+# That of the averages of slopes over many crests, in wavelengths: half as wide as it is high, it is 2.4 of them long.
+_FAR = 1.0
 # That of the averages of slopes along single crests, metres.
 _CREST = 0.02
 # Vertices of a crest: fewer have no direction.
@@ -35,6 +37,7 @@ class Relief:
         slopes: (vertices, 2, 2) products of slopes along the tube and around it, averaged nearby: crests run across the
             direction of the greatest.
         own_slopes: (vertices, 2, 2) those of single crests.
+        far_slopes: (vertices, 2, 2) those averaged over about two wavelengths.
     """
 
     places: Array
@@ -43,10 +46,11 @@ class Relief:
     squares: Array
     slopes: Array
     own_slopes: Array
+    far_slopes: Array
 
     @classmethod
-    def of(cls, scene: Scene, posed: Array, smooth: Array) -> "Relief":
-        """Find the folds of (vertices, 3) positions over those that skinning alone gives."""
+    def of(cls, scene: Scene, posed: Array, smooth: Array, wavelength: float) -> "Relief":
+        """Find the folds of (vertices, 3) positions over those that skinning alone gives; `wavelength` is simulated."""
         rings = scene.cloth.positions.reshape(-1, scene.sides, 3)
         along = float(rings[1, 0, 0] - rings[0, 0, 0])
         around = 2.0 * np.pi * np.linalg.norm(rings[:, 0, 1:], axis=1) / scene.sides
@@ -78,6 +82,7 @@ class Relief:
             squares=averaged(heights**2, _NEAR).ravel(),
             slopes=averaged(slopes, _NEAR).reshape(-1, 2, 2),
             own_slopes=averaged(slopes, _CREST).reshape(-1, 2, 2),
+            far_slopes=averaged(slopes, _FAR * wavelength).reshape(-1, 2, 2),
         )
 
     @property
@@ -118,10 +123,18 @@ class Relief:
         one, two = self.densest, other.densest
         return float(2.0 * self.areas[one & two].sum() / (self.areas[one].sum() + self.areas[two].sum()))
 
-    def turned(self, other: "Relief") -> float:
-        """Degrees between the crests of both, the mean over where these folds are steep in one direction only."""
-        (one, clear), (two, _) = _steepest(self.slopes), _steepest(other.slopes)
-        apart = np.degrees(np.arccos(np.clip(np.abs(np.sum(one * two, axis=1)), 0.0, 1.0)))
+    def turned(self, other: "Relief") -> tuple[float, float]:
+        """Degrees between the crests of both, place by place, and between their mean directions over two wavelengths.
+
+        Each is the mean over where these folds are steep in one direction only.
+        """
+        near, far = (self.slopes, other.slopes), (self.far_slopes, other.far_slopes)
+        return self._apart(*near), self._apart(*far)
+
+    def _apart(self, one: Array, other: Array) -> float:
+        """Degrees between the steepest directions of (vertices, 2, 2) slopes, in the mean."""
+        (lines, clear), (others, _) = _steepest(one), _steepest(other)
+        apart = np.degrees(np.arccos(np.clip(np.abs(np.sum(lines * others, axis=1)), 0.0, 1.0)))
         return float(np.average(apart, weights=clear * self.areas))
 
 
