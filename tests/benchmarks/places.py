@@ -7,16 +7,19 @@
 A row of places.csv is a place or a field that was looked at twice, without and with wrinkles and blind to the score,
 with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
 nothing where no `limb` folds, so such places are in the counts alone; and no tool where a field lies, so that places
-that are not `bare` are in the fit alone. Fields are weighed as tools are, and in the counts alone: a fit to both drops
-fields between plates of armour, and toes, which artists keep.
+that are not `bare` are in the fit alone. Fields and lines of a face are weighed as folds of limbs are, but for a bias
+and a weight of `seen` of their own: a fit to all alike drops fields between plates of armour, and toes, which artists
+keep.
 A row of two fields, left and right, has the merits of the one that scores less: both are proposed, or none.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
 width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
 What is proposed has at least a chance to be kept that follows from this: each character left out in turn, four of five
-proposals, tools and fields together, are kept by the mean of both looks.
+proposals, of tools and of tools and fields together, are kept by the mean of both looks.
 
 A row of unseen.csv is a place that the fit does not have: nobody had seen its character before what is proposed there.
+When a fit learns from such rows, they move to places.csv, and others are looked for. Fields on a penguin, of which
+nothing says that it wears no clothes, stay: nobody keeps them, and the fit does not see why.
 sources.csv has the public repositories of characters.
 
 A row of wanted.csv is a place that an artist wants on a character, left and right alike, and the tool or the field that
@@ -26,6 +29,7 @@ A row of wanted.csv is a place that an artist wants on a character, left and rig
 import argparse
 import csv
 import json
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,6 +61,8 @@ LOOKS = ("first", "second")
 BUILT = "sheet"
 # What the name of a field begins with.
 FIELD = "field "
+# What the names of lines of a face have.
+LINES = re.compile("brow|forehead|glabella|cheek|Fcl_")
 # Digits of a weight: merits have three.
 DIGITS = 3
 # Part of what is proposed that should be kept.
@@ -75,6 +81,7 @@ class Places:
         limbs: (places,) True where a limb folds.
         counted: (places,) True where no field lies, on no sheet that was built.
         fields: (places,) True for fields.
+        folds: (places,) True for folds of a limb: neither fields nor lines of a face.
         verdicts: (places, looks)
         logs: (places, merits) their logarithms.
     """
@@ -84,51 +91,70 @@ class Places:
     limbs: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     fields: NDArray[np.bool_]
+    folds: NDArray[np.bool_]
     verdicts: NDArray[np.intp]
     logs: Floats
 
     def only(self, chosen: NDArray[np.bool_]) -> "Places":
         """Some of the places."""
-        rows = (self.characters, self.limbs, self.counted, self.fields, self.verdicts, self.logs)
+        rows = (self.characters, self.limbs, self.counted, self.fields, self.folds, self.verdicts, self.logs)
         return Places(self.names, *(each[chosen] for each in rows))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The (merits,) weights of a fit, and (2,) biases of "at least weak" and of "keep"."""
+    """The (merits,) weights of a fit, (2,) biases of "at least weak" and of "keep", and what is not of folds alone.
+
+    Fields and lines of a face have (2,) biases of their own, and a weight of the merit `seen` beside that of folds.
+    """
 
     weights: Floats
     biases: Floats
+    other_biases: Floats
+    other_seen: float
 
     @classmethod
     def of(cls, places: Places) -> "Fit":
-        """Fit weights to those of the places of tools where a limb folds."""
-        places = places.only(places.limbs & ~places.fields)
-        means, deviations = places.logs.mean(axis=0), places.logs.std(axis=0)
-        deviations[deviations == 0] = 1.0
-        scaled, count = (places.logs - means) / deviations, len(places.names)
-
-        def loss(values: Floats) -> tuple[float, Floats]:
-            weights, found, slopes = values[:count], 0.5 * values[:count] @ values[:count], values.copy()
-            slopes[count:] = 0.0
-            for step in range(2):
-                # The mean over the looks of a place: of a half where they differ.
-                sums, above = scaled @ weights + values[count + step], np.mean(places.verdicts > step, axis=1)
-                off = 1.0 / (1.0 + np.exp(-sums)) - above
-                found += np.sum(np.logaddexp(0.0, sums) - above * sums)
-                slopes[:count] += off @ scaled
-                slopes[count + step] += off.sum()
-            return float(found), slopes
-
-        values = minimize(loss, np.zeros(count + 2), jac=True, method="L-BFGS-B").x
-        weights = values[:count] / deviations
-        return cls(weights, values[count:] - weights @ means)
+        """Fit weights to folds of limbs, and to fields and lines of a face what these have of their own."""
+        folds, others = places.only(places.limbs & places.folds), places.only(~places.folds)
+        weights, biases = _fitted(folds.logs, folds.verdicts)
+        (seen,), other_biases = _fitted(_seen(others), others.verdicts, others.logs @ weights)
+        return cls(weights, biases, other_biases, float(seen))
 
     def chances(self, places: Places) -> Floats:
         """(places, 2) probabilities of "at least weak" and of "keep"."""
-        sums = (places.logs @ self.weights)[:, None] + self.biases
+        of_others = self.other_biases + self.other_seen * _seen(places)
+        sums = (places.logs @ self.weights)[:, None] + np.where(places.folds[:, None], self.biases, of_others)
         found: Floats = places.limbs[:, None] / (1.0 + np.exp(-sums))
         return found
+
+
+def _seen(places: Places) -> Floats:
+    """(places, 1) logarithms of the merit `seen`."""
+    return places.logs[:, [places.names.index("seen")]]
+
+
+def _fitted(logs: Floats, verdicts: NDArray[np.intp], known: Floats | float = 0.0) -> tuple[Floats, Floats]:
+    """Weights of (places, merits) logarithms, and two biases, beside a (places,) sum that is known."""
+    means, deviations = logs.mean(axis=0), logs.std(axis=0)
+    deviations[deviations == 0] = 1.0
+    scaled, count = (logs - means) / deviations, logs.shape[1]
+
+    def loss(values: Floats) -> tuple[float, Floats]:
+        weights, found, slopes = values[:count], 0.5 * values[:count] @ values[:count], values.copy()
+        slopes[count:] = 0.0
+        for step in range(2):
+            # The mean over the looks of a place: of a half where they differ.
+            sums, above = known + scaled @ weights + values[count + step], np.mean(verdicts > step, axis=1)
+            off = 1.0 / (1.0 + np.exp(-sums)) - above
+            found += np.sum(np.logaddexp(0.0, sums) - above * sums)
+            slopes[:count] += off @ scaled
+            slopes[count + step] += off.sum()
+        return float(found), slopes
+
+    values = minimize(loss, np.zeros(count + 2), jac=True, method="L-BFGS-B").x
+    weights = values[:count] / deviations
+    return weights, values[count:] - weights @ means
 
 
 def read_places(path: Path = PLACES, usual: Floats | None = None) -> Places:
@@ -147,6 +173,7 @@ def read_places(path: Path = PLACES, usual: Floats | None = None) -> Places:
         np.array([row["limb"] == "1" for row in rows]),
         np.array([row["bare"] == "1" and row["character"] != BUILT for row in rows]),
         np.array([row["tool"].startswith(FIELD) for row in rows]),
+        np.array([not (row["tool"].startswith(FIELD) or LINES.search(row["tool"])) for row in rows]),
         verdicts,
         np.where(np.isnan(logs), usual, logs),
     )
@@ -179,14 +206,14 @@ def agreed(places: Places) -> NDArray[np.bool_]:
 
 
 def least_of(places: Places, chances: Floats) -> float:
-    """The least chance, in thousandths, from which on looks keep as much as `ASKED` of the places."""
-    found, steps = 1.0, 10**DIGITS
-    for least in np.arange(steps - 1, 0, -1) / steps:
-        chosen = places.verdicts[(places.counted | places.fields) & (chances[:, 1] >= least)]
-        if len(chosen) and np.mean(chosen == 2) < ASKED:
-            break
-        found = float(least)
-    return found
+    """The least chance, in thousandths, from which looks keep `ASKED` of tools, and of tools and fields together."""
+    tools = places.counted & ~places.fields
+    for least in np.arange(1, 10**DIGITS) / 10**DIGITS:
+        likely = chances[:, 1] >= least
+        kept = [places.verdicts[likely & chosen] == 2 for chosen in (tools, tools | places.fields)]
+        if all(len(each) and each.mean() >= ASKED for each in kept):
+            return float(least)
+    return 1.0
 
 
 def proposed(places: Places, chances: Floats, least: float) -> tuple[list[float], float]:
@@ -217,7 +244,7 @@ def report(places: Places, chances: Floats, least: float) -> str:
 def usual_of(places: Places) -> Floats:
     """(merits,) mean logarithms of the tools that are to keep where a limb folds."""
     kept = (places.verdicts == VERDICTS.index("keep")).any(axis=1)
-    found: Floats = places.only(kept & places.limbs & ~places.fields).logs.mean(axis=0)
+    found: Floats = places.only(kept & places.limbs & places.folds).logs.mean(axis=0)
     return found
 
 
@@ -232,6 +259,7 @@ def weights_of(places: Places) -> dict[str, object]:
         "least": least_of(places, left_out(places)),
         "bias": round(float(fit.biases[1]), DIGITS),
         "weights": by_name(fit.weights),
+        "others": {"bias": round(float(fit.other_biases[1]), DIGITS), "seen": round(fit.other_seen, DIGITS)},
         "kept": by_name(usual_of(places)),
     }
 

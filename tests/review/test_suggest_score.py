@@ -1,5 +1,6 @@
 """The score of a place falls with each of its merits, and says which one it wants most."""
 
+import math
 from dataclasses import asdict, fields, replace
 
 import pytest
@@ -32,3 +33,11 @@ def test_no_merit_makes_up_for_one_that_is_missing(name: str) -> None:
 
 def test_the_sentence_has_the_merit() -> None:
     assert Score.of(replace(GOOD, smooth=0.3)).sentence == "it lies on facets: 30 % of the edges there are smooth"
+
+
+def test_what_is_no_fold_of_a_limb_has_to_be_seen_more() -> None:
+    seen, hidden = (replace(GOOD, seen=value) for value in (1.0, 0.3))
+    fold, other = (
+        [Score.of(replace(each, closed=closed)).keep for each in (seen, hidden)] for closed in (GOOD.closed, math.nan)
+    )
+    assert other[1] / other[0] < fold[1] / fold[0]

@@ -37,7 +37,7 @@ from wrinklecli.surface.substance import (
 # VRoid's morph targets are `Fcl_MTH_A` and `Fcl_EYE_Close`.
 _SLIDING = re.compile(
     r"mouth|mth\b|\blips?\b|jaw|tongue|teeth|tooth|viseme|smile|\beyes?\b(?! ?(brow|squint))|lids?\b|blink|gaze|pupil"
-    r"|cheek ?puff|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
+    r"|cheek ?(puff|squint)|breast|bust\b|hair|tail\b|\bears?\b|口|唇|舌|歯|目|瞼|胸|髪|耳|尾"
 )
 # Greatest distance of a rim over the region's length for a region that lies on the rim.
 _NEAR_RIM = 0.8

@@ -71,16 +71,21 @@ class Score:
 
     @classmethod
     def of(cls, merits: Merits) -> "Score":
-        """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing."""
+        """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing.
+
+        What is no fold of a limb has a bias of its own, and needs more to be seen.
+        """
         fitted = _fitted()
+        own = fitted["others"] if math.isnan(merits.closed) else {"bias": fitted["bias"], "seen": 0.0}
+        weights = {**fitted["weights"], "seen": fitted["weights"]["seen"] + own["seen"]}
         known = {
             name: float(np.log2(np.clip(value, LEAST, 1.0)))
             for name, value in asdict(merits).items()
             if not math.isnan(value)
         }
         logs = {**fitted["kept"], **known}
-        behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in fitted["weights"].items()}
-        log_odds = fitted["bias"] + sum(weight * logs[name] for name, weight in fitted["weights"].items())
+        behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in weights.items()}
+        log_odds = own["bias"] + sum(weight * logs[name] for name, weight in weights.items())
         return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(behind, key=behind.__getitem__))
 
     @property
@@ -108,6 +113,6 @@ def left_out_without_all(judgement: Score | None, fault: str = "") -> list[str]:
 
 @cache
 def _fitted() -> dict[str, Any]:
-    """The least probability, the weights by merit, the bias, and the mean logarithms of the merits of kept places."""
+    """The least probability, weights by merit, biases, and the mean logarithms of the merits of kept places."""
     found: dict[str, Any] = json.loads(_WEIGHTS.read_text(encoding="utf-8"))
     return found
