@@ -33,7 +33,7 @@ BY_USER = "as --material says"
 # Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
 # Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
 WORDS: dict[SubstanceKind, str] = {
-    "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch",
+    "leather": "leather boot shoe sneaker footwear sandal belt strap glove saddle holster pouch bag backpack rucksack",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
         weapon sword shield buckle button zipper rubber wheel jewelry earring necklace hair eyebrow brow beard lash
