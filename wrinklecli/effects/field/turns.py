@@ -21,8 +21,8 @@ from wrinklecli.numeric.arrays import Floats, Ints, unit, unit_quaternions
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.surface.ground import Ground
 
-# Least turn about an axis that counts, radians: what joints turn by beside their hinge, and what a smaller one folds is
-# below the slack of cloth.
+# Least turn about an axis that counts, radians: joints turn by less beside their hinge. With half of it the file of a
+# body that walks was a third larger.
 _LEAST = float(np.radians(12.0))
 # Steps of a sweep, radians: heights go with the root of the compression, so they are smooth beyond the first step.
 _STEP = float(np.radians(25.0))
