@@ -69,6 +69,20 @@ def test_one_shape_is_the_nearest_to_what_changes_as_a_joint_bends() -> None:
     assert factors.error == pytest.approx(np.linalg.norm(values[1:]) / np.linalg.norm(values), rel=0.1)
 
 
+def test_a_crease_acts_from_half_of_the_bend_and_turns_that_raise_most_have_one() -> None:
+    poses, _, factors = of_two_turns()
+    both = factors.creased(poses, MOST)
+    assert both.turns.tolist() == [0, 0, 1, 1]
+    assert both.creases.tolist() == [False, True] * 2
+    assert not both.shapes[both.creases].any()
+    for turn, whole, late in zip(poses.turns, both.tables[::2], both.tables[1::2], strict=True):
+        assert not late[turn.angles <= turn.angles[-1] / 2.0].any()
+        assert (late <= whole).all()
+        assert late[-1] == whole[-1]
+    assert factors.creased(poses, 3).turns.tolist() == [0, 0, 1]
+    assert factors.creased(poses, 2).turns.tolist() == [0, 1]
+
+
 def test_a_turn_has_other_shapes_one_way_than_the_other() -> None:
     angles = np.linspace(-1.6, 1.6, 11)
     turn = Turn(JointAngle(0, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0])), angles)

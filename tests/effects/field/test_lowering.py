@@ -32,9 +32,11 @@ def planned(contact: str, angle: float, levels: int = 0) -> tuple[Job, MeshPlan]
 
 
 def deltas_of(plan: MeshPlan) -> Floats:
+    """The shapes with their creases, as each joint's end of the bend plays them."""
     layer = plan.layer(FieldLayer)
     assert layer is not None
-    return layer.deltas[0]
+    creases = layer.attached[0].factors.creases
+    return layer.deltas[0][~creases] + layer.deltas[0][creases]
 
 
 def without(module: ModuleType, name: str, stand_in: Callable[..., Any], angle: float, levels: int = 0) -> MeshPlan:
@@ -54,7 +56,7 @@ def free(angle: float, levels: int = 0) -> MeshPlan:
 @cache
 def unlowered(angle: float = 80.0) -> MeshPlan:
     """It as if nothing were at fault."""
-    return without(carry, "lowering", lambda *given: np.ones(given[-2].shape), angle)
+    return without(carry, "lowering", lambda *given: given[-2], angle)
 
 
 def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
@@ -65,6 +67,8 @@ def crossing(job: Job, plan: MeshPlan, part: float) -> Ints:
     moves = np.zeros((len(times), len(fine.positions), 3))
     (field,) = layer.parts
     moves[:, field.vertices] = part * field.displacements(fine, plan.rig, clip, times)
+    # What a crease takes back as a whole is level but for rounding, which decides where the tube's two sides touch.
+    moves[np.abs(moves) < 1e-12] = 0.0
     surface = Crossings.of(fine.rest_positions, fine.triangles)
     posed, _ = fine.skinned(plan.rig).carried(clip, times, moves)
     return np.array([len(surface.pairs_at(each)) for each in posed])

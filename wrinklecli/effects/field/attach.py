@@ -162,7 +162,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         slack=tool.slack,
         allowed=allowed,
     )
-    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
+    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES).creased(sweeps, _MOST_SHAPES)
     tallest = float(measured.heights.max())
     if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(

@@ -81,7 +81,7 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     if shown is not None:
         whole, ways = np.zeros((count, len(free))), np.zeros(fine.positions.shape)
         whole[:, vertices], ways[vertices] = heights.T, waves.heights[:, None] * outward
-        heights *= lowering(attached, shown, fine, whole, ways)[:, vertices].T
+        heights = lowering(attached, shown, fine, whole, ways)[:, vertices].T
     a, b = waves.sides.T
     bent = (waves.middles - (waves.heights[a] + waves.heights[b]) / 2.0)[:, None] * (heights[a] + heights[b]) / 2.0
     found = np.zeros((count, len(fine.positions), 3))

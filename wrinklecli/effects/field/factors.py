@@ -2,8 +2,10 @@
 
 Each turn gets one shape each way, with weights that are a table of its angle: another one the other way, as what is
 compressed one way is stretched the other. A second shape one way would show better what folds in a slight bend alone,
-but would move all places that fold in both again, which is half of a file. Heights of several turns do not add up,
-since they go with the root of the compression: so shapes and tables are fitted to mixtures of turns, too.
+but would move all places that fold in both again, which is half of a file. So the second one is a crease: it takes
+back what has no room beyond half of the bend, which is little, and folds stand there until the joint closes. Heights of
+several turns do not add up, since they go with the root of the compression: so shapes and tables are fitted to mixtures
+of turns, too.
 
 Source: A. Cichocki, R. Zdunek, S. Amari, *Hierarchical ALS Algorithms for Nonnegative Matrix and 3D Tensor
 Factorization*, ICA 2007: one row after the other takes its best values beside all others. Differs: the weights in poses
@@ -12,12 +14,13 @@ near its joint.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from wrinklecli.effects.field.turns import Sweeps
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints
 
 # Rounds in which all shapes and tables are fitted: twice as many change the error by a five-hundredth of it.
 _ROUNDS = 20
@@ -38,6 +41,8 @@ class Factors:
         error: Root mean square of what the shapes miss in all poses, over that of the heights,
         best: and of what they would miss with the best weights.
         products: (shapes, shapes) integrals of their products over the surface.
+        creases: (shapes,) whether each, in place of folding the surface, takes back what the one before it, of the same
+            turn, raises where a deep bend has no room; level until that is known.
         left_out: Numbers of turns that fold the surface, but for which there are too many.
     """
 
@@ -47,6 +52,7 @@ class Factors:
     error: float
     best: float
     products: Floats
+    creases: Bools
     left_out: tuple[int, ...] = ()
 
     def fewer(self, sweeps: Sweeps, most: int) -> "tuple[Factors, Ints]":
@@ -63,9 +69,29 @@ class Factors:
             error=float(np.hypot(self.error, lost)),
             best=self.best,
             products=self.products[np.ix_(kept, kept)],
+            creases=self.creases[kept],
             left_out=(*dict.fromkeys(turn for turn in self.turns.tolist() if turn not in turns), *self.left_out),
         )
         return found, kept
+
+    def creased(self, sweeps: Sweeps, most: int) -> "Factors":
+        """They with creases, at most so many shapes in all: those of the turns that fold most have one."""
+        count = len(self.turns)
+        first = _ranked(sweeps, self.turns.tolist(), np.sqrt(np.diag(self.products)))[: max(most - count, 0)]
+        order = np.repeat(np.arange(count), 1 + np.isin(np.arange(count), first))
+        creases = np.diff(order, prepend=-1) == 0
+        tables = [
+            self.tables[k] * (_late(sweeps.turns[self.turns[k]].angles) if crease else 1.0)
+            for k, crease in zip(order.tolist(), creases, strict=True)
+        ]
+        return replace(
+            self,
+            turns=self.turns[order],
+            shapes=np.where(creases[:, None], 0.0, self.shapes[order]),
+            tables=tuple(tables),
+            products=np.where(np.logical_or.outer(creases, creases), 0.0, self.products[np.ix_(order, order)]),
+            creases=creases,
+        )
 
 
 def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
@@ -90,7 +116,8 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
         shapes.append(np.abs(own) @ heights[poses] / np.abs(own).sum())
         limits.append(heights[poses].max(axis=0))
     if not turns:
-        return Factors(np.zeros(0, np.intp), np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)))
+        none = np.zeros(0, np.intp)
+        return Factors(none, np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)), none > 0)
     owners = np.array(turns)
     draft, limit = np.stack([shapes, limits]) * sizes
     fitted, tables = _fitted(sweeps, owners, tables, draft, limit, heights * sizes)
@@ -105,6 +132,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
         error=float(np.linalg.norm(gaps) / whole),
         best=_best(fitted * sizes, heights * sizes),
         products=(fitted * sizes**2) @ fitted.T,
+        creases=np.zeros(len(owners), np.bool_),
         left_out=tuple(sides[k][0] for k in ranked if sides[k][0] not in turns),
     )
 
@@ -116,6 +144,12 @@ def weights_of(sweeps: Sweeps, owners: Ints, tables: Sequence[Floats]) -> Floats
         for turn, table in zip(owners.tolist(), tables, strict=True)
     ]
     return np.stack(columns, axis=1)
+
+
+def _late(angles: Floats) -> Floats:
+    """(angles,) from 0, up to half of the way to either end, to 1, from three quarters on."""
+    ends = np.where(angles < 0, angles.min(), angles.max())
+    return np.clip(4.0 * angles / np.where(ends != 0, ends, 1.0) - 2.0, 0.0, 1.0)
 
 
 def _ranked(sweeps: Sweeps, turns: Sequence[int], volumes: Sequence[float] | Floats) -> list[int]:

@@ -47,10 +47,10 @@ _ACROSS = 0.5
 
 
 def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights: Floats, ways: Floats) -> Floats:
-    """(shapes, vertices) factors of heights by which hardly anything is at fault in some poses.
+    """(shapes, vertices) heights of which hardly anything is at fault in some poses.
 
     The shape that is highest at a place in a pose that shows a fault is lowered first: folds that a deep crease hides
-    stay as they are in a bend that shows them, which has shapes of its own.
+    stay as they are in a bend that shows them, as the crease takes them back beyond that.
 
     Args:
         attached: The field.
@@ -60,12 +60,21 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
         ways: (vertices, 3) displacements for a height of 1, bind space.
     """
     matrices, weights = _poses(attached, ground)
+    # For as much as a crease acts, its side is lowered apart from what it is in a slight bend.
+    own, every = np.flatnonzero(attached.factors.creases), np.arange(len(heights))
+    apart = np.eye(len(every))
+    apart[own, own - 1] = -1.0
+    weights, heights = weights @ apart, heights[every - attached.factors.creases]
     influences = fine.influences(matrices.shape[1], np.arange(len(fine.positions))).sparse()
     slopes, surface = _Slopes.of(fine, attached), _Posed(fine, matrices, ways, influences)
     raised = weights @ heights
-    # Without contact each shape is looked at where it acts most: in all poses, crossings take half of a bake's time.
-    most = np.arange(len(weights))[:, None] == weights.argmax(axis=0)
-    counting = (most if attached.tool.contact is None else weights) @ heights > 0
+    counting = weights @ heights > 0
+    if attached.tool.contact is None:
+        # In all poses, crossings take half of a bake's time. So each shape is looked at where it acts most, and with
+        # its crease where both do.
+        acting = np.hstack([weights, weights[:, own - 1] * weights[:, own]])
+        most = np.arange(len(weights))[:, None] == acting.argmax(axis=0)
+        counting = most @ np.vstack([heights, heights[own]]) > 0
     looks = [*_turning(surface, raised, slopes), *_crossing(surface, raised, counting)]
     halvings, looked = np.zeros(heights.shape), looks
     left = np.repeat(_below_layers(ground, fine, raised.max(axis=0), ways, slopes), len(heights), axis=0)
@@ -90,7 +99,9 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
         else:
             # What was lowered for one pose may be at fault in another.
             looked = [] if looked is looks else looks
-    return left
+    lowered = left * heights
+    lowered[own] -= lowered[own - 1]
+    return lowered
 
 
 def _below_layers(ground: Ground, fine: Refinement, tallest: Floats, ways: Floats, slopes: "_Slopes") -> Floats:
