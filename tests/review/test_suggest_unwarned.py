@@ -69,11 +69,11 @@ def test_a_tool_is_made_to_fit_or_left_out() -> None:
     assert found.dropped == []
     assert found.kept[0].tool.compressible > 0.3
     # ... and what no key mends is left out, with the line of `check`.
-    found = tried(replace(best.tool, width=Length(11.0 * best.span)))
+    found = tried(replace(best.tool, strength=3.0))
     assert found.kept == []
     (dropped,) = found.dropped
     assert (dropped.name, dropped.reason) == (best.tool.name, "warned")
-    assert "its width of" in dropped.line
+    assert "strength 3 does not keep the length" in dropped.line
 
 
 def test_what_fits_a_place_is_tried_one_after_another() -> None:
