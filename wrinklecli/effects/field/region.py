@@ -48,9 +48,9 @@ class FieldRegion(Region):
     irregular: Irregular
     tree: Tree
 
-    # Edges of a quarter of a wave at most show it, and most are shorter, as they are halved. With 1.25, files are half
-    # larger, and folds a little crisper close up; with 0.8, they are blurred.
-    intervals: ClassVar[float] = 1.0
+    # Five edges a wave at most. With four, files are a third smaller, but narrow crests get teeth: in nine of ten pairs
+    # of pictures, a judge who knew of neither preferred five.
+    intervals: ClassVar[float] = 1.25
 
     @property
     def span(self) -> float:
