@@ -73,9 +73,9 @@ ASSETS: dict[str, Callable[[], Asset]] = {
 
 @pytest.mark.quick(1, 3)
 @pytest.mark.parametrize("name", ASSETS)
-def test_an_uncommon_asset_gets_tools_or_a_reason(name: str, tmp_path: Path) -> None:
+def test_an_uncommon_asset_gets_tools_a_field_or_a_reason(name: str, tmp_path: Path) -> None:
     found = suggest(ASSETS[name]().write(tmp_path / "asset.glb"))
-    assert bool(found.tools) != bool(found.reason)
+    assert bool(found.tools or found.fields) != bool(found.reason)
 
 
 @pytest.mark.quick(1)

@@ -41,7 +41,8 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         else [],
         middles=middles,
     )
-    words = FieldWords(attached, deltas, moves[[shape is not None for shape in shapes]])
+    there = np.array([shape is not None for shape in shapes])
+    words = FieldWords(replace(attached, drive=attached.drive.of_targets(there)), deltas, moves[there])
     return replace(body_effect(attached, shapes, words), remixes=words, add_up=True)
 
 
@@ -50,7 +51,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
     """A field's words about itself, and its other targets for engines.
 
     Attributes:
-        moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest.
+        moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest, of shapes that move any.
     """
 
     moves: Floats
@@ -75,13 +76,15 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         factors, kept = attached.factors.fewer(attached.sweeps, most)
         fewer = replace(attached, factors=factors)
         fewer = replace(fewer, drive=drive_of(fewer.tool, fewer.sweeps, factors))
-        own = {target.number: target.shape for target in effect.targets}
-        shapes = [own.get(number) for number in kept.tolist()]
-        there = np.array([shape is not None for shape in shapes])
+        own = {target.number: row for row, target in enumerate(effect.targets)}
+        rows = [own.get(number) for number in kept.tolist()]
+        shapes = [None if row is None else effect.targets[row].shape for row in rows]
+        there = np.array([row is not None for row in rows])
         targets = driven_targets(fewer.drive.targets, shapes)
         made = replace(fewer.drive, strength=drive.strength, strengths=drive.strengths)
-        words = FieldWords(fewer, self.deltas[kept], self.moves[kept])
         played = made.of_targets(there)
+        moves = self.moves[[row for row in rows if row is not None]]
+        words = FieldWords(replace(fewer, drive=played), self.deltas[kept], moves)
         return replace(effect, targets=targets, drive=played, words=words, remixes=words)
 
     def values(self, names: Sequence[str]) -> Json:
