@@ -113,9 +113,12 @@ def test_contact_lowers_what_crosses_alone() -> None:
     assert (lower[:, outer] > sizes[:, outer] - 1e-3 * sizes.max()).all()
 
 
-def test_contact_leaves_half_of_the_folds() -> None:
-    """A deep bend hides a place of the one shape, and leaves the rest of it."""
-    whole, held = (np.linalg.norm(deltas_of(plan)) for plan in (free(85.0), planned("resolve", 85.0)[1]))
+def test_contact_leaves_what_half_of_the_bend_folds() -> None:
+    """Nothing crosses in the near half, so its shape keeps its height; at the end the crease takes back a part."""
+    plans = free(85.0), planned("resolve", 85.0)[1]
+    near, held_near = (np.linalg.norm(plan.parts[0].deltas[0]) for plan in plans)
+    assert held_near == pytest.approx(near, rel=1e-3)
+    whole, held = (np.linalg.norm(deltas_of(plan)) for plan in plans)
     assert 0.5 * whole < held < whole
 
 
