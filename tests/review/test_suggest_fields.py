@@ -134,10 +134,12 @@ def test_folds_are_wider_where_a_budget_asks_for_it(jeans: tuple[Path, Suggestio
 
 @pytest.mark.slow
 @pytest.mark.long
-def test_a_garment_without_a_field_gets_tools(jeans: tuple[Path, Suggestions]) -> None:
-    path, found = jeans
+def test_a_garment_without_a_field_gets_tools(tmp_path: Path) -> None:
+    # On a coarse mesh, a field takes less than a tool.
+    path = dressed(limb_asset(**{**SIZE, "rings": 64, "sides": 32}), name="Jeans").write(tmp_path / "limb.glb")
+    found = suggest(path)
     # Even folds as wide as they may be take more.
-    poor = suggest(path, budget=0.4 * found.fields[0].gpu_bytes)
+    poor = suggest(path, budget=0.5 * found.fields[0].gpu_bytes)
     assert not poor.fields
     assert [each.reason for each in poor.dropped][:1] == ["costly"]
     assert poor.tools
