@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of
 from wrinklecli.numeric.edges import Edges
 
 # Part of its length by which a diagonal must be shorter: rounding errors turn none.
@@ -42,7 +42,7 @@ def turn_diagonals(triangles: Ints, positions: Floats, lengths: Callable[[Ints],
         before, after = np.split(lengths(np.concatenate([quads[:, [0, 2]], quads[:, [1, 3]]])), 2)
         areas = face_normals(positions, made.reshape(-1, 3)).reshape(-1, 2, 3)
         whole = areas.sum(axis=1)
-        parts = np.einsum("eta,ea->et", areas, whole) / np.maximum(np.sum(whole**2, axis=1), 1e-300)[:, None]
+        parts = np.einsum("eta,ea->et", areas, whole) / np.maximum(np.sum(whole**2, axis=1), TINY)[:, None]
         a, b, c, d = positions.T[:, quads.T].swapaxes(0, 1)
         across = np.array(cross(c - a, d - b))
         flat = np.abs(dot(across, b - a)) <= tolerance * np.linalg.norm(across, axis=0)

@@ -67,7 +67,7 @@ class Ground:
 
     @cached_property
     def known(self) -> dict[Hashable, Array]:
-        """What was read of it and many tools may share: images of masks by what they were read from, and substances."""
+        """Arrays that many tools share, by what they were read from: images of masks, and substances of the surface."""
         return {}
 
     @cached_property

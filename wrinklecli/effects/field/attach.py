@@ -18,7 +18,7 @@ from wrinklecli.effects.field.region import FieldRegion
 from wrinklecli.effects.field.turns import Sweeps, acting_together, led_by, turns_of
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals, smoothstep, weighted_quantiles
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.features import cut_at_features
@@ -49,8 +49,6 @@ UNSEEN = 0.05
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3
-# Replaces a divisor of 0.
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,7 +127,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     sheet = Sheet.of(rest.positions, surface.triangles[members])
     radii, girth, wavelength = _girth(tool, ground, sheet)
     near, wave, beyond = averages_over(sheet, wavelength)
-    ratios = np.clip(beyond.of(2.0 * np.pi * radii / max(girth, _TINY)), _THINNEST, _THICKEST)
+    ratios = np.clip(beyond.of(2.0 * np.pi * radii / max(girth, TINY)), _THINNEST, _THICKEST)
     # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
     wavelengths = wavelength * (np.sqrt(ratios) if tool.wavelength.percent else np.ones(len(ratios)))
     turns = turns_of(ground, _joints(tool, ground))
@@ -248,7 +246,7 @@ def _radii(ground: Ground, areas: Floats) -> Floats:
     """
     joints, places, normals = ground.surface.joints, ground.rest.positions, ground.rest.normals
     sizes = ground.surface.weights**2 * areas[:, None]  # what a joint hardly moves hardly counts
-    wholes = np.maximum(np.bincount(joints.ravel(), sizes.ravel()), _TINY)
+    wholes = np.maximum(np.bincount(joints.ravel(), sizes.ravel()), TINY)
 
     def means(values: Floats) -> Floats:
         """(joints, n) means of (vertices, influences or 1, n) values."""

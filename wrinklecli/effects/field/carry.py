@@ -10,6 +10,7 @@ from wrinklecli.effects.field.stripes import Sides, phases
 from wrinklecli.effects.shapes import Middles
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
+    TINY,
     Floats,
     Ints,
     distinct_values,
@@ -19,8 +20,6 @@ from wrinklecli.numeric.laplacian import Average, Sheet
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
-# Replaces a divisor of 0.
-_TINY = 1e-300
 # Part of the greatest height below which a place has no phase.
 _LEAST = 0.01
 # Half height over the wavelength from which on a fold is seen well: later fields leave it alone.
@@ -70,7 +69,7 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     # Linear mixtures of coarse values have creases.
     average = sheet.averaging(NEAR * attached.wavelength)
     heights = average.of(values[:, :count])
-    tallest = max(float(heights.max(initial=0.0)), _TINY)
+    tallest = max(float(heights.max(initial=0.0)), TINY)
     heights = np.maximum(heights - UNSEEN * tallest, 0.0)
     heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     remaining = float(heights.max(initial=0.0)) / tallest

@@ -20,14 +20,12 @@ import numpy as np
 
 from wrinklecli.effects.field.turns import Sweeps
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints
 
 # Rounds in which all shapes and tables are fitted: twice as many change the error by a five-hundredth of it.
 _ROUNDS = 20
 # Part of the greatest height of all below which a turn folds nothing.
 _LEAST = 0.05
-# Replaces a divisor of 0.
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +73,7 @@ class Factors:
         return found, kept
 
     def creased(self, sweeps: Sweeps, most: int) -> "Factors":
-        """They with creases, at most so many shapes in all: those of the turns that fold most have one."""
+        """Add creases to the shapes, of which there are then at most so many: the turns that fold most get one."""
         count = len(self.turns)
         first = _ranked(sweeps, self.turns.tolist(), np.sqrt(np.diag(self.products)))[: max(most - count, 0)]
         order = np.repeat(np.arange(count), 1 + np.isin(np.arange(count), first))
@@ -188,7 +186,7 @@ def _fitted(
         for k, (share, table) in enumerate(zip(shares, found, strict=True)):
             for angle in np.flatnonzero(table).tolist():
                 own = share[:, angle]
-                step = own @ gaps[:, k] / max(own @ own * products[k, k], _TINY)
+                step = own @ gaps[:, k] / max(own @ own * products[k, k], TINY)
                 # No weight loses more than half at once, so none becomes 0.
                 step = max(step, -table[angle] / 2.0)
                 table[angle] += step
@@ -201,7 +199,7 @@ def _nearer(values: Floats, wanted: Floats, products: Floats) -> Floats:
     """(rows, n) values, not negative, each row the best beside the others: products · values ≈ (rows, n) wanted."""
     found = values.copy()
     for k, row in enumerate(products):
-        found[k] = np.maximum(found[k] + (wanted[k] - row @ found) / max(row[k], _TINY), 0.0)
+        found[k] = np.maximum(found[k] + (wanted[k] - row @ found) / max(row[k], TINY), 0.0)
     return found
 
 

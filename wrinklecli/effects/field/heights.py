@@ -21,6 +21,7 @@ from wrinklecli.character.pose import transform
 from wrinklecli.effects.field.compression import Gauges, along, posed_rigidly, rigid_parts, shortest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
+    TINY,
     Floats,
     Ints,
     any_of,
@@ -57,8 +58,6 @@ _MOST_ASLANT = 0.5
 _LEAST_LOWER = 0.6
 # Decimal digits in which the motions of joints agree that carry a part as one: beyond are rounding errors.
 _DIGITS = 9
-# Replaces a divisor of 0.
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,14 +120,14 @@ def measure(
         least, _, across = shortest(strain, axes)
         # What shrinks alike in all directions has none in which it would fold.
         shorter = np.minimum(across, 0.0) - least
-        taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, _TINY), 0.0, 1.0))
+        taken_up = smoothstep(np.clip((shorter - slack) / max(_RISE * slack, TINY), 0.0, 1.0))
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
     least, lines, across = shortest(beyond.of(total), axes)
     directions = -wave.of(product(lines, lines) * (least < across)[:, None])
     crests = _stiffness_along(sheet, np.cross(normals, lines))
     curved = np.abs(wave.of_integrals(np.sum((crests @ sheet.positions) * normals, axis=1)))
-    sunken = _FACETS * max(_typical_height(lost, sheet.areas), _TINY)
+    sunken = _FACETS * max(_typical_height(lost, sheet.areas), TINY)
     slants = np.sqrt(np.minimum(curved * wavelengths / sunken, _MOST_ASLANT))
     # Waves are longer along the compression than across their crests.
     wavelengths = wavelengths / np.sqrt(1.0 - slants**2)
@@ -153,7 +152,7 @@ def measure(
 def _typical_height(lost: Floats, areas: Floats) -> float:
     """The height from furrow to crest over the wavelength, in the mean of what folds; (poses, vertices) lost parts."""
     squares = _squares(lost)
-    return float(2.0 / np.pi * np.sqrt((squares**2 @ areas).sum() / max((squares @ areas).sum(), _TINY)))
+    return float(2.0 / np.pi * np.sqrt((squares**2 @ areas).sum() / max((squares @ areas).sum(), TINY)))
 
 
 def _squares(lost: Floats) -> Floats:
@@ -178,8 +177,8 @@ def _slipped(lost: Floats, room: Floats, average: Average, slack: float) -> Floa
     kept = np.minimum(loose, held)
     # Each place gets a share by the room it has left, so all of the length is kept.
     left = held - kept
-    kept = np.minimum(kept + left * spread((loose - kept) / np.maximum(spread(left), _TINY)), held)
-    return kept * smoothstep(np.minimum(kept / max(slack, _TINY), 1.0))
+    kept = np.minimum(kept + left * spread((loose - kept) / np.maximum(spread(left), TINY)), held)
+    return kept * smoothstep(np.minimum(kept / max(slack, TINY), 1.0))
 
 
 def _room(stretch: Floats, concave: Floats, wavelengths: Floats) -> Floats:
@@ -187,7 +186,7 @@ def _room(stretch: Floats, concave: Floats, wavelengths: Floats) -> Floats:
 
     All are (vertices,): ratios of lengths across crests, concave curvatures, and wavelengths.
     """
-    room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, _TINY))
+    room = np.minimum(_STEEPEST / 2.0 * stretch, np.pi * _IN_CREASE / np.maximum(wavelengths * concave, TINY))
     return np.asarray((room * np.clip((_TAUT - stretch) / (_TAUT - 1.0), 0.0, 1.0)) ** 2)
 
 

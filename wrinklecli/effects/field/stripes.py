@@ -12,7 +12,7 @@ B. Merriman, J. Bence, S. Osher, *Diffusion Generated Motion by Mean Curvature*,
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import TINY, Floats, Ints
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import side_weights, vertex_areas
@@ -25,8 +25,8 @@ _FOLD = 2.0
 _LEAST_TRUST = 1e-3
 # Waves in space, one wavelength long, of which the first phases are made: some of them run across any crest.
 _WAVES = 32
-# Replaces a divisor of 0, and the length of a ψ that is lost.
-_TINY, _SHORT = 1e-300, 1e-9
+# Length of a ψ that is lost.
+_SHORT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class Sides:
         way = positions[b] - positions[a]
         steps = np.stack([_within(way, normals[a], lines[a]), _within(way, normals[b], signs[:, None] * lines[b])])
         turns = np.pi * (steps / wavelengths[ends.T]).sum(axis=0)
-        across = (steps**2).mean(axis=0) / np.maximum(np.sum(way**2, axis=1), _TINY)
+        across = (steps**2).mean(axis=0) / np.maximum(np.sum(way**2, axis=1), TINY)
         return cls(ends, weights, turns, signs, np.maximum(1.0 - across, 0.0) ** 2)
 
     def diffused(self, psi: Floats, times: int, weights: Floats, masses: Floats) -> Floats:
@@ -111,7 +111,7 @@ def _within(ways: Floats, normals: Floats, lines: Floats) -> Floats:
     """(sides,) parts along lines of (sides, 3) ways that are turned into the planes of normals at their length."""
     flat = ways - np.sum(ways * normals, axis=1, keepdims=True) * normals
     lengths = np.linalg.norm(ways, axis=1)
-    return np.asarray(np.sum(flat * lines, axis=1) * lengths / np.maximum(np.linalg.norm(flat, axis=1), _TINY))
+    return np.asarray(np.sum(flat * lines, axis=1) * lengths / np.maximum(np.linalg.norm(flat, axis=1), TINY))
 
 
 def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wavelength: float, *, seed: str) -> Floats:

@@ -66,7 +66,7 @@ def is_limb(part: Part | None, parts: Sequence[Part | None]) -> bool:
 
 
 def folding(document: Document, clips: Sequence[Clip]) -> list[Clip]:
-    """Those of a range of motion that fold what an artist wrinkles; each moves a joint or a morph target."""
+    """Find the motions in a range of motion that fold what an artist wrinkles; each moves a joint or a morph target."""
     names, parts = [str(node.get("name", "")) for node in document.items("nodes")], read_bones(document).parts
     found = []
     for clip in clips:

@@ -343,7 +343,7 @@ def _bends(staged: StagedTool, *, limb: bool) -> dict[str, float]:
 
 
 def _lean(staged: StagedTool, parts: Floats) -> float:
-    """How far two sides of a place lean to each other: 1 if they face, 0 on a plane, less than 0 if they look apart.
+    """Measure how far two sides of a place lean to each other: 1 if they face, 0 on a plane, below 0 if they part.
 
     The sides are where (vertices,) `parts` of the way across the place are least and greatest.
     """
