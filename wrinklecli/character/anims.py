@@ -5,18 +5,18 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, count
+from itertools import chain, count, islice, takewhile
 from pathlib import Path
 
 from wrinklecli.character.clip import Channel, Clip, read_clips
-from wrinklecli.character.rig import morph_target_names, read_rig
+from wrinklecli.character.rig import morph_target_names, parents_of, read_rig, upwards
 from wrinklecli.character.weight_track import by_names
 from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats
+from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import guarded
 
 # Names of the longest path to a joint: rigs have some twenty levels, and hostile files thousands.
@@ -207,7 +207,7 @@ class NamedNodes:
 
     def called(self, index: int) -> str | None:
         """The name by which `joint` finds a node, or the shortest such path; None if another node has these too."""
-        names = _names_above(self.nodes, index, _parents(self.nodes))
+        names = _names_above(self.nodes, index, parents_of(self.nodes))
         if names and names[0] not in self.shared and self.joints.get(names[0]) == index:
             return names[0]
         paths = ("/".join(reversed(names[: size + 1])) for size in range(1, len(names)))
@@ -217,7 +217,7 @@ class NamedNodes:
         """The nodes of a path, in the first group that has any; none for a name without a path."""
         if "/" not in path:
             return []
-        parents = _parents(self.nodes)
+        parents = parents_of(self.nodes)
         for group in self.groups:
             # A path ends in the node's name.
             ending = [index for index in group if path.endswith(f"/{self.nodes[index].get('name') or '/'}")]
@@ -246,18 +246,10 @@ def matched_without_prefixes(names: Mapping[str, str]) -> Iterator[str]:
         yield f"{one!r} counts as {other!r}, as their names are the same without prefixes{more}"
 
 
-def _parents(nodes: Sequence[Json]) -> dict[int, int]:
-    return {child: index for index, node in enumerate(nodes) for child in node.get("children", [])}
-
-
-def _names_above(nodes: Sequence[Json], index: int, parents: Mapping[int, int]) -> list[str]:
+def _names_above(nodes: Sequence[Json], index: int, parents: Ints) -> list[str]:
     """The names of a node and of those above it, up to the first without a name."""
-    names: list[str] = []
-    at: int | None = index
-    while at is not None and nodes[at].get("name") and len(names) < _MOST_NAMES:
-        names.append(nodes[at]["name"])
-        at = parents.get(at)
-    return names
+    names = (nodes[each].get("name", "") for each in islice(upwards(parents, index), _MOST_NAMES))
+    return [*takewhile(bool, names)]
 
 
 def _target_names(document: Document, node: int) -> list[str]:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wrinklecli.character.rig import Rig
+from wrinklecli.character.rig import Rig, levels_of
 from wrinklecli.character.surface import read_influences, read_positions, read_triangles
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
@@ -28,7 +28,7 @@ def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]
     """
     root = len(rigs[0].parents)  # above all
     up = np.append(np.where(rigs[0].parents < 0, root, rigs[0].parents), root)
-    depths = _depths(up)
+    depths = np.append(1 + levels_of(rigs[0].parents), 0)
     moved, whole = np.zeros(root + 1), np.zeros(root + 1)
     known = set()
     for rig in rigs:
@@ -78,16 +78,6 @@ def _carried_together(document: Document, rig: Rig) -> Iterator[tuple[Ints, Ints
             shares = csr_array((weights[part].reshape(-1), (rows, columns)), shape=(len(part), len(rig.joints)))
             pairs = (shares.T @ (shares * areas[:, None])).tocoo()
             yield rig.joints[pairs.row], rig.joints[pairs.col], pairs.data
-
-
-def _depths(up: Ints) -> Ints:
-    """(nodes,) levels of each node below the last one, the root of all, from the (nodes,) parents."""
-    above, depths = up, np.ones(len(up), np.intp)
-    depths[-1] = 0
-    # Each round doubles the generations that are looked up.
-    for _ in range(len(up).bit_length()):
-        depths, above = depths + depths[above], above[above]
-    return depths
 
 
 def _meeting(one: Ints, other: Ints, up: Ints, depths: Ints) -> Ints:

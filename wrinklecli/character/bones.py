@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 
 from wrinklecli.character.pose import node_matrices
-from wrinklecli.character.rig import Hierarchy, read_parents
+from wrinklecli.character.rig import Hierarchy, from_roots, read_parents
 from wrinklecli.choices import Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -118,7 +118,7 @@ def _resolved(names: Sequence[str], parents: Ints) -> tuple[Part | None, ...]:
     said = [next((part for part, pattern in _NAMES if re.search(pattern, each)), None) for each in words]
     # The parts that the names of each node's descendants say.
     below: list[set[_Said]] = [set() for _ in names]
-    order = _from_roots(parents)
+    order = from_roots(parents)
     for node in reversed(order):
         if parents[node] >= 0:
             below[parents[node]] |= below[node] | {each for each in (said[node],) if each is not None}
@@ -164,17 +164,6 @@ def _part(said: _Said | None, above: tuple[Part, ...], below: set[_Said], *, sid
     # A joint before an elbow or knee is the upper bone of the limb if there is no other.
     alone = sided and lower in below and not {upper, limb, said} & below
     return upper if said in ("shoulder", "hips") and alone else said
-
-
-def _from_roots(parents: Ints) -> list[int]:
-    """All nodes, each after its parent."""
-    children: list[list[int]] = [[] for _ in parents]
-    order: list[int] = []
-    for node, parent in enumerate(parents.tolist()):
-        (children[parent] if parent >= 0 else order).append(node)
-    for node in order:
-        order.extend(children[node])
-    return order
 
 
 def _of_vrm(document: Document) -> Iterator[tuple[int, str]]:

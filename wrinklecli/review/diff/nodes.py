@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.rig import TRANSFORM_DEFAULTS, local_rows, stored_weights
+from wrinklecli.character.rig import TRANSFORM_DEFAULTS, from_roots, local_rows, parents_of, stored_weights
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.review.diff.difference import Difference, Findings, Link, Sides, brief, differ, pairs_by_key
@@ -42,7 +42,7 @@ class _Pairing:
     def __init__(self, a: Document, b: Document) -> None:
         self.documents = a, b
         self.names = [[node.get("name") for node in document.items("nodes")] for document in (a, b)]
-        self.parents = [_parents(document) for document in (a, b)]
+        self.parents = [parents_of(document.items("nodes")) for document in (a, b)]
         self.nodes: dict[int, int] = {}
         self.taken: set[int] = set()
         self.found: list[Difference] = []
@@ -93,10 +93,10 @@ class _Pairing:
         names_a, names_b = self.names
         parents_a, parents_b = self.parents
         waiting: dict[Any, list[int]] = {}
-        for j in reversed(_from_roots(self.documents[1], parents_b)):
+        for j in reversed(from_roots(parents_b)):
             if j not in self.taken and names_b[j] not in _UNNAMED:
                 waiting.setdefault(names_b[j], []).append(j)
-        for i in _from_roots(self.documents[0], parents_a):
+        for i in from_roots(parents_a):
             while i not in self.nodes and waiting.get(names_a[i]):
                 j = waiting[names_a[i]].pop()
                 if j not in self.taken:
@@ -112,22 +112,6 @@ class _Pairing:
                 # The nodes below a reported one are not reported.
                 if index not in known and (parent < 0 or parent in known):
                     self.found.append(differ("structure", ("nodes", index), f"only in {side}", name=names[index]))
-
-
-def _parents(document: Document) -> list[int]:
-    parents = [-1] * len(document.items("nodes"))
-    for index in range(len(parents)):
-        for child in _children(document, index):
-            parents[child] = index
-    return parents
-
-
-def _from_roots(document: Document, parents: Sequence[int]) -> list[int]:
-    """The nodes, each after its parent, without those of cycles."""
-    order = [index for index, parent in enumerate(parents) if parent < 0]
-    for index in order:
-        order += [child for child in _children(document, index) if parents[child] == index]
-    return order
 
 
 def _children(document: Document, node: int) -> list[int]:
