@@ -9,6 +9,7 @@ from wrinklecli.character.scene import ScenePrimitive, material_of
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_alpha, read_pixels
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints
@@ -148,12 +149,8 @@ def _image(document: Document, info: Json) -> tuple[bytes | memoryview, tuple[st
     texture = document.item("textures", info.get("index"), user=where)
     webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
     number = webp.get("source", texture.get("source"))
-    image = document.item("images", number, user=where)
-    if "uri" in image:
-        place = document.where("images", str(number))
-        data, _ = document.read_uri(image["uri"], place)
-    else:
-        data = document.view(image.get("bufferView"), user=where)
+    document.item("images", number, user=where)
+    data, _ = read_image(document, number)
     sampler = document.item("samplers", texture["sampler"], user=where) if "sampler" in texture else {}
     across, down = (WRAPS.get(sampler.get(key, 0), "repeat") for key in ("wrapS", "wrapT"))
     return data, (across, down)
@@ -165,10 +162,18 @@ def texture_coordinates(document: Document, primitive: Json, info: Json, count: 
     name = f"TEXCOORD_{transform.get('texCoord', info.get('texCoord', 0))}"
     if name not in primitive["attributes"]:
         raise AssetError(f"has no {name}", where=document.path)
-    stored = _attribute(document, primitive, name, count, 2)
-    offset, scale = (np.array(transform.get(key, (x, x)), float) for key, x in (("offset", 0), ("scale", 1)))
+    return transformed(_attribute(document, primitive, name, count, 2), transform)
+
+
+def transformed(coordinates: Floats, transform: Json) -> Floats:
+    """(vertices, 2) texture coordinates, scaled, turned and moved, in this order, as KHR_texture_transform says.
+
+    Raises:
+        TypeError, ValueError: The extension is malformed.
+    """
+    offset, scale = (np.array(transform.get(key, (x, x)), float).reshape(2) for key, x in (("offset", 0), ("scale", 1)))
     turn = float(transform.get("rotation", 0.0))
-    x, y = (stored * scale).T
+    x, y = (coordinates * scale).T
     turned = np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)], axis=1)
     return np.asarray(turned + offset)
 

@@ -10,16 +10,15 @@ import numpy as np
 
 from wrinklecli.character.rig import in_range
 from wrinklecli.errors import AssetError, BakeError, listed
-from wrinklecli.files.claims import is_path
-from wrinklecli.files.inputs import lies_below
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf.files import path_beside, read_file, uri_of
+from wrinklecli.gltf.files import read_file
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_values
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Touch
 from wrinklecli.tools.fields import Field
+from wrinklecli.tools.files_beside import path_beside
 from wrinklecli.tools.records import MaskAttribute, MaskImage, WrinkleTool
 
 # Parts of a coarse triangle's edge between the points at which a mask is looked at before refinement: as fine as four
@@ -189,8 +188,8 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
         BakeError: It cannot be read, or is not below the folder of the tools file.
     """
     document, beside = ground.document, os.path.join(mask.folder, "tools")
-    path = path_beside(beside, uri_of(mask.image), external=document.allow_external) if is_path(mask.image) else None
-    if path is None or not (document.allow_external or lies_below(path, mask.folder)):
+    path = path_beside(beside, mask.image, external=document.allow_external)
+    if path is None:
         hint = "others are read with --allow-external"
         raise BakeError(f"{mask.image!r} is not a file below the folder of the tools file; {hint}", where=where)
     try:

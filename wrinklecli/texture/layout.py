@@ -1,12 +1,13 @@
 """The materials of a mesh on their textures: which set of coordinates maps take, and what its triangles have there."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
 from wrinklecli.baking.refined_mesh import RefinedPrimitive, old_values, primitives_of
+from wrinklecli.character.paints import transformed
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
@@ -57,35 +58,6 @@ class Layout:
         return Textured(triangles, self.normals, self.tangents, self.hands, steps)
 
 
-@dataclass(frozen=True, slots=True)
-class _Transform:
-    """KHR_texture_transform: coordinates are scaled, turned and moved, in this order.
-
-    Attributes:
-        stored: The extension as the asset has it; empty without.
-        turn: Radians.
-    """
-
-    stored: Json = field(default_factory=dict)
-    scale: tuple[float, float] = (1.0, 1.0)
-    turn: float = 0.0
-    offset: tuple[float, float] = (0.0, 0.0)
-
-    @classmethod
-    def of(cls, stored: Json) -> "_Transform":
-        """Read the extension; TypeError or ValueError if it is malformed."""
-        (across, down), (right, below) = stored.get("scale", (1.0, 1.0)), stored.get("offset", (0.0, 0.0))
-        scale, offset = (float(across), float(down)), (float(right), float(below))
-        return cls(stored, scale, float(stored.get("rotation", 0.0)), offset)
-
-    def applied(self, uvs: Floats) -> Floats:
-        """(vertices, 2) transformed coordinates."""
-        c, s = np.cos(self.turn), np.sin(self.turn)
-        scaled = uvs * self.scale
-        turned = np.column_stack([c * scaled[:, 0] + s * scaled[:, 1], c * scaled[:, 1] - s * scaled[:, 0]])
-        return np.asarray(turned + self.offset)
-
-
 def layouts_of(document: Document, plan: MeshPlan, texcoords: TexCoords) -> list[Layout]:
     """The materials of a mesh with texture coordinates; primitives without them are left out."""
     primitives = document.items("meshes")[plan.rig.mesh]["primitives"]
@@ -94,7 +66,7 @@ def layouts_of(document: Document, plan: MeshPlan, texcoords: TexCoords) -> list
         primitive = primitives[refined.index]
         material = material_of(document, primitive)
         own = texcoords.get((plan.rig.mesh, material))
-        texcoord, transform = _texture_of(document, material) if own is None else (own, _Transform())
+        texcoord, transform = _texture_of(document, material) if own is None else (own, {})
         uvs = _uvs(document, plan, refined, texcoord, transform)
         if uvs is None or not len(refined.triangles):
             continue
@@ -104,7 +76,7 @@ def layouts_of(document: Document, plan: MeshPlan, texcoords: TexCoords) -> list
                 name=_name_of(document, material, plan),
                 material=material,
                 texcoord=texcoord,
-                transform=transform.stored,
+                transform=transform,
                 faces=np.flatnonzero(plan.fine.triangle_primitives == refined.index),
                 uvs=_on_corners(refined, uvs),
                 normals=_on_corners(refined, normals),
@@ -148,7 +120,7 @@ def _frames(document: Document, plan: MeshPlan, refined: RefinedPrimitive, uvs: 
 
 
 def _uvs(
-    document: Document, plan: MeshPlan, refined: RefinedPrimitive, texcoord: int, transform: _Transform
+    document: Document, plan: MeshPlan, refined: RefinedPrimitive, texcoord: int, transform: Json
 ) -> Floats | None:
     """(old vertices, 2) coordinates of a set, transformed; None if the primitive has no such set."""
     attributes = document.items("meshes")[plan.rig.mesh]["primitives"][refined.index].get("attributes", {})
@@ -156,7 +128,7 @@ def _uvs(
     if key not in attributes:
         return None
     where = document.where("meshes", plan.rig.mesh, "primitives", refined.index)
-    return transform.applied(old_values(document, attributes, key, refined, size=2, where=where))
+    return transformed(old_values(document, attributes, key, refined, size=2, where=where), transform)
 
 
 def material_of(document: Document, primitive: Json) -> int | None:
@@ -182,21 +154,22 @@ def _joined(parts: Sequence[Layout]) -> Layout:
     )
 
 
-def _texture_of(document: Document, material: int | None) -> tuple[int, _Transform]:
+def _texture_of(document: Document, material: int | None) -> tuple[int, Json]:
     """The set of coordinates and the transform that a map takes: the normal map's, or else the base colour's.
 
     Raises:
         AssetError: An entry is malformed.
     """
     if material is None:
-        return 0, _Transform()
+        return 0, {}
     where = document.where("materials", material)
     try:
         known = document.items("materials")[material]
         base = known.get("pbrMetallicRoughness", {}).get("baseColorTexture")
         texture = known.get("normalTexture") or base or {}
-        stored = texture.get("extensions", {}).get("KHR_texture_transform", {})
-        return int(stored.get("texCoord", texture.get("texCoord", 0))), _Transform.of(stored)
+        transform = texture.get("extensions", {}).get("KHR_texture_transform", {})
+        transformed(np.zeros((1, 2)), transform)
+        return int(transform.get("texCoord", texture.get("texCoord", 0))), transform
     except (TypeError, ValueError, AttributeError) as error:
         raise AssetError(f"its texture is malformed: {error}", where=where) from error
 
