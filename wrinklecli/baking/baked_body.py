@@ -11,7 +11,7 @@ import numpy as np
 
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.rig import morph_target_names, read_rig
-from wrinklecli.drive.drive import LAYOUT, StoredDrive, stored_drives, wrinkle_entry
+from wrinklecli.drive.drive import LAYOUT, StoredDrive, is_baked, stored_drives, wrinkle_entry
 from wrinklecli.errors import AssetError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -114,7 +114,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
     bodies = []
     for index, node in enumerate(document.items("nodes")):
         entry = wrinkle_entry(node)
-        if entry is None or "mesh" not in node:
+        if not is_baked(node) or "mesh" not in node:
             continue
         where = document.where("nodes", index, "extras", "wrinkle")
         if not node.get("name"):
@@ -155,7 +155,7 @@ def read_bodies(document: Document) -> list[BakedBody]:
 def lost_record(document: Document) -> str | None:
     """The fault of a file that has a bake's morph targets, by their names, but no extras of a bake; None without."""
     nodes = document.items("nodes")
-    if any(wrinkle_entry(node) is not None for node in nodes):
+    if any(map(is_baked, nodes)):
         return None
     meshes = document.items("meshes")
     names = [name for mesh in meshes for name in morph_target_names(mesh) if _BAKED.fullmatch(name)]

@@ -13,7 +13,7 @@ from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms, none_deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
-from wrinklecli.drive.drive import wrinkle_entry
+from wrinklecli.drive.drive import is_baked, wrinkle_entry
 from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -270,7 +270,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
         more = f"; the same holds for {counted(count, 'more tool')}" if count else ""
         problems.append(BakeError(f"{fault}{more}", where=place))
     for index in found:
-        if wrinkle_entry(nodes[index]) is not None:
+        if is_baked(nodes[index]):
             problems.append(
                 BakeError(
                     "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
@@ -286,8 +286,7 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
 
 def _parts_of(node: Json) -> list[str]:
     """Names of the nodes that an earlier bake has split from a node."""
-    said = wrinkle_entry(node)
-    parts = said.get(PARTS) if isinstance(said, dict) else None
+    parts = wrinkle_entry(node).get(PARTS)
     return [name for name in parts if isinstance(name, str)] if isinstance(parts, list) else []
 
 

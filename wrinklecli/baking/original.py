@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wrinklecli.drive.drive import wrinkle_entry
+from wrinklecli.drive.drive import is_baked, wrinkle_entry
 from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.gltf.animated import check_channels
 from wrinklecli.gltf.document import Document
@@ -52,7 +52,7 @@ _TABLE_LOG = 24  # of zstd's tables, which are to index the dictionary; 64 MiB e
 def wrinkled(gltf: Json) -> list[int]:
     """The nodes whose meshes carry wrinkles."""
     nodes = enumerate(gltf.get("nodes", []))
-    return [k for k, node in nodes if "mesh" in node and wrinkle_entry(node) is not None]
+    return [k for k, node in nodes if "mesh" in node and is_baked(node)]
 
 
 def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json, bytes]:
@@ -77,7 +77,7 @@ def seal(asset: Document, edited: EditedDocument, layout: Layout) -> tuple[Json,
     # A shallow copy of the JSON with the buffer view of a record, and a node that refers to this.
     node = added[0]
     views, nodes = [*layout.gltf.get("bufferViews", []), view], list(layout.gltf["nodes"])
-    nodes[node] = _with_entry(nodes[node], _entry(nodes[node]) | {"original": len(views) - 1})
+    nodes[node] = _with_entry(nodes[node], wrinkle_entry(nodes[node]) | {"original": len(views) - 1})
     gltf = layout.gltf | {"nodes": nodes, "bufferViews": views}
     record = _pack(asset, replace(layout, gltf=gltf), new)
     view["byteLength"] = len(record)
@@ -271,7 +271,7 @@ def _read_record(document: Document, nodes: Sequence[int], where: str) -> bytes:
         ValueError: This and other errors mean that the file is not as it was written.
     """
     gltf, last = document.gltf, len(document.items("bufferViews")) - 1
-    if last not in [_entry(gltf["nodes"][node]).get("original") for node in nodes]:
+    if last not in [wrinkle_entry(gltf["nodes"][node]).get("original") for node in nodes]:
         raise ValueError("no record")
     record, view = document.view(last), document.items("bufferViews")[last]
     if len(record) < _HEADER.size:
@@ -362,12 +362,6 @@ def _carrying_images(restored: Document, baked: Document) -> Document:
     return replace(restored, resources=resources, files=tuple(files))
 
 
-def _entry(node: Json) -> Json:
-    """The entry of a node that carries wrinkles."""
-    entry = wrinkle_entry(node)
-    return entry if isinstance(entry, dict) else {}
-
-
 def _with_entry(node: Json, entry: Json) -> Json:
     """A node with another entry."""
     return node | {"extras": node["extras"] | {"wrinkle": entry}}
@@ -378,7 +372,7 @@ def _without_record(gltf: Json) -> Json:
     views: list[Json] = gltf["bufferViews"]
     nodes, buffers = list(gltf["nodes"]), list(gltf["buffers"])
     for node in wrinkled(gltf):
-        entry = _entry(nodes[node])
+        entry = wrinkle_entry(nodes[node])
         if entry.get("original") == len(views) - 1:
             nodes[node] = _with_entry(nodes[node], {key: value for key, value in entry.items() if key != "original"})
     buffer = views[-1]["buffer"]

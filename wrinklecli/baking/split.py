@@ -97,7 +97,7 @@ def _told(whole: EditedDocument, mesh: BakedMesh, made: Sequence[int]) -> BakedM
     gltf = whole.gltf
     nodes = [gltf["nodes"][node] for node in made]
     entry = wrinkle_entry(nodes[0])
-    if entry is not None:
+    if entry:
         for node in nodes[1:]:
             node["extras"] = {key: each for key, each in node.get("extras", {}).items() if key != "wrinkle"}
             if not node["extras"]:

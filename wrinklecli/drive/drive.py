@@ -350,10 +350,16 @@ def _keyed(data: Json) -> frozenset[str]:
     return frozenset(clip for each in keyed for clip in each)
 
 
-def wrinkle_entry(node: Json) -> Any:
-    """The entry `wrinkle` of a node's extras, whoever wrote it; None without one."""
+def is_baked(node: Json) -> bool:
+    """True if a node's extras have an entry `wrinkle`, whoever wrote it."""
     extras = node.get("extras")
-    return extras.get("wrinkle") if isinstance(extras, dict) else None
+    return isinstance(extras, dict) and extras.get("wrinkle") is not None
+
+
+def wrinkle_entry(node: Json) -> Json:
+    """The entry `wrinkle` of a node's extras; empty without one, or if it is no object."""
+    entry = node["extras"]["wrinkle"] if is_baked(node) else {}
+    return entry if isinstance(entry, dict) else {}
 
 
 def stored_drives(entry: Json) -> list[Json]:

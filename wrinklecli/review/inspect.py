@@ -388,8 +388,7 @@ def _view_users(document: Document) -> dict[int, Counter[str]]:
         if "bufferView" in image:
             users[image["bufferView"]]["images"] += 1
     for node in wrinkled(document.gltf):
-        entry = wrinkle_entry(document.items("nodes")[node])
-        kept = entry.get("original") if isinstance(entry, dict) else None
+        kept = wrinkle_entry(document.items("nodes")[node]).get("original")
         if isinstance(kept, int) and kept in range(len(document.items("bufferViews"))):
             users[kept]["original"] += 1
     return users

@@ -177,8 +177,7 @@ def baked_peaks(asset: ShownAsset, clips: Sequence[Clip]) -> list[Peak]:
 
 def baked_tool_count(document: Document) -> int:
     """The number of tools, muscles and regions that were baked into an asset, by its extras."""
-    entries = [entry for node in document.items("nodes") if isinstance(entry := wrinkle_entry(node), dict)]
-    lists = [entry.get(section) for entry in entries for section in KINDS]
+    lists = [wrinkle_entry(node).get(section) for node in document.items("nodes") for section in KINDS]
     return sum(len(each) for each in lists if isinstance(each, list))
 
 

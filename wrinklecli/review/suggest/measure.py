@@ -12,7 +12,7 @@ from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.rig import Rig, moving_nodes, read_hierarchy, read_rig
 from wrinklecli.character.scene import deforming_nodes, deforms
 from wrinklecli.character.surface import read_surface
-from wrinklecli.drive.drive import wrinkle_entry
+from wrinklecli.drive.drive import is_baked
 from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -111,7 +111,7 @@ def find_mesh_nodes(document: Document, options: SuggestOptions) -> tuple[dict[i
             there = listed(known[index] for index in shown or deforming)
             raise AssetError(f"{fault}; there are {there}", where=document.path)
     for index in shown:
-        if wrinkle_entry(nodes[index]) is not None:
+        if is_baked(nodes[index]):
             raise AssetError(
                 "already carries wrinkles of an earlier bake; ask for suggestions on the original asset",
                 where=document.where("nodes", index, "extras", "wrinkle"),
