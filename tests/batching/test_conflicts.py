@@ -11,6 +11,7 @@ import pytest
 
 from kit.command import Wrinkle, files
 from kit.limb import PNG, limb_asset, tool, write_parts, write_tools
+from wrinklecli.batching.conflicts import BatchFiles
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.batching.manifest import read_manifest, read_pattern
 from wrinklecli.errors import ConfigError
@@ -43,7 +44,7 @@ def job(**keys: Any) -> dict[str, Any]:
 
 def read(*jobs: dict[str, Any], **own: str) -> list[BatchJob]:
     Path(MANIFEST).write_text("".join(json.dumps(each) + "\n" for each in jobs))
-    return read_manifest(MANIFEST, {}, **own)  # type: ignore[arg-type]
+    return read_manifest(MANIFEST, {}, BatchFiles(**own))  # type: ignore[arg-type]
 
 
 def refused(*jobs: dict[str, Any], **own: str) -> list[str]:
@@ -296,7 +297,7 @@ def test_thousands_of_jobs_take_seconds(tmp_path: Path, monkeypatch: pytest.Monk
     opened: list[str] = []
     monkeypatch.setattr("wrinklecli.batching.conflicts.references", lambda file: opened.append(file.name) or [])
     given = {"tools": "t.yaml", "out": "out/{stem}.glb"}
-    assert len(read_pattern("chars/*.glb", given, report="r.jsonl", cache="cache")) == count
+    assert len(read_pattern("chars/*.glb", given, BatchFiles(report="r.jsonl", cache="cache"))) == count
     assert len(looks) < 3 * count
     assert not opened
     assert len(read_pattern("chars/*.glb", {**given, "out": "chars/{stem}.out.glb"})) == count

@@ -10,6 +10,7 @@ import pytest
 from kit import hostile
 from wrinklecli.baking.job import BakeOptions
 from wrinklecli.batching.build import bake_options
+from wrinklecli.batching.conflicts import BatchFiles
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.batching.manifest import read_manifest, read_pattern
 from wrinklecli.batching.manifest_schema import OPTION_KEYS
@@ -265,7 +266,7 @@ def test_included_manifests_come_first_and_paths_are_relative_to_each(folder: Pa
     text = "version: 1\ninclude: chars/shared.yaml\njobs: [{asset: chars/a/a.glb, out: chars/more.glb}]\n"
     Path("m.yaml").write_text(text)
     with pytest.raises(ConfigError, match=r"chars/more\.csv: is a file of the batch too"):
-        read_manifest("m.yaml", {}, profile="mobile", report="chars/more.csv")
+        read_manifest("m.yaml", {}, BatchFiles(report="chars/more.csv"), profile="mobile")
     (folder / "chars" / "more.csv").write_text("asset,fp\n*/b.glb,12\n")
     assert complaints("m.yaml", text, profile="mobile") == [
         "chars/more.csv:2: jobs[0].fp: unknown key, did you mean fps?"

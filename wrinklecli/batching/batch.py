@@ -12,6 +12,7 @@ from typing import Any
 from wrinklecli.batching.cache import TAG, Cache
 from wrinklecli.batching.cache_keys import program
 from wrinklecli.batching.cluster import Workers, refuse_without_dask, run_on_dask
+from wrinklecli.batching.conflicts import BatchFiles
 from wrinklecli.batching.jobs import BatchJob, Outcome
 from wrinklecli.batching.manifest import read_manifest, read_pattern
 from wrinklecli.batching.records import VERSION, junit, opened_report, record_of
@@ -220,7 +221,7 @@ def batch(
     if is_pattern and options.profile is not None:
         raise ConfigError("is a pattern of assets, which has no profiles", where=place)
     read = read_pattern if is_pattern else partial(read_manifest, profile=options.profile)
-    every = read(place, given, report=report, cache=cache, junit=xml)
+    every = read(place, given, BatchFiles(report=report, cache=cache, junit=xml))
     if xml is not None:  # before the first bake
         with open_outputs() as outputs:
             outputs.make_folders(os.path.dirname(xml))

@@ -16,14 +16,14 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from typing import Any
 
 from wrinklecli.batching import stores
 from wrinklecli.batching.cache_keys import Parts, program
 from wrinklecli.batching.job_files import JobFiles
+from wrinklecli.batching.jobs import Outcome
 from wrinklecli.batching.tables import refuse_constant
 from wrinklecli.errors import WrinkleError, shortened
 from wrinklecli.frozen import dataclass
@@ -33,6 +33,7 @@ ENTRIES = ("keys", "files", "outs", "shapes")
 """The folders of a cache."""
 
 _VERSION = 2  # of a record
+_SAID = ("summary", "warnings", "residual", "tallest")  # the fields of an outcome that are kept with its files
 _MAX_ENTRY = 2**23  # bytes of a record: the files of 60,000 frames
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _LONGEST_REASON = 200  # characters of a warning, as an entry may have any text
@@ -53,21 +54,11 @@ class CachedFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """The fields of an outcome that are kept with its files; lengths are in scene units, and None if not measured."""
-
-    summary: str
-    warnings: tuple[str, ...]
-    residual: float | None
-    tallest: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class Record:
-    """The output files of a job, the main one last, and some fields of its outcome."""
+    """The output files of a job, the main one last, and the fields of its outcome that are kept, by name."""
 
     files: tuple[CachedFile, ...]
-    said: Said
+    said: Mapping[str, Any]
 
 
 class Cache:
@@ -107,7 +98,7 @@ class Cache:
         data = self._bytes("files", file.digest, most)
         return self._checked(data, "files", file.digest, bytes.fromhex(file.digest))
 
-    def keep(self, key: str, files: Iterable[tuple[str, str, str]], said: Said) -> None:
+    def keep(self, key: str, files: Iterable[tuple[str, str, str]], outcome: Outcome) -> None:
         """Store the outputs of a job: root, path in the root and present place of each file, the main one last.
 
         Raises:
@@ -120,9 +111,8 @@ class Cache:
             digest = hashlib.sha256(data).hexdigest()
             self._put(self._path("files", digest), data)
             kept.append([root, path, digest])
-        self._put(
-            self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": asdict(said)}).encode()
-        )
+        said = {name: getattr(outcome, name) for name in _SAID}
+        self._put(self._path("keys", key), json.dumps({"cache": _VERSION, "files": kept, "said": said}).encode())
 
     def parts_of_output(self, out: str) -> Parts | None:
         """The inputs that the output at a path was made from, as last noted; they may be anything."""
@@ -251,8 +241,8 @@ def _record(entry: dict[str, Any], outputs: JobFiles) -> Record:
         raise TypeError("its outcome is none")
     if not all(isinstance(line, str) for line in warnings):
         raise TypeError("its warnings are none")
-    lengths = Said(said["summary"], tuple(warnings), _length(said["residual"]), _length(said["tallest"]))
-    return Record((*files.values(), main), lengths)
+    lengths = {name: _length(said[name]) for name in ("residual", "tallest")}
+    return Record((*files.values(), main), {"summary": said["summary"], "warnings": tuple(warnings), **lengths})
 
 
 def _length(value: Any) -> float | None:

@@ -45,6 +45,9 @@ class BatchFiles:
     junit: str | None = None
 
 
+NOTHING_WRITTEN = BatchFiles()
+
+
 @dataclass(frozen=True, slots=True)
 class Conflict:
     """A file that may not be written, and the number of the job at fault; None if the batch itself is."""

@@ -8,11 +8,12 @@ import os
 import posixpath
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 from wrinklecli.batching import stores
-from wrinklecli.batching.conflicts import BatchFiles, kept_apart
+from wrinklecli.batching.conflicts import NOTHING_WRITTEN, BatchFiles, kept_apart
 from wrinklecli.batching.jobs import BatchJob
 from wrinklecli.batching.manifest_schema import JOB_KEYS, MANIFEST_SCHEMA, OPTION_KEYS, OWN_KEYS
 from wrinklecli.batching.tables import read_csv, read_json_lines
@@ -62,19 +63,13 @@ class _Source:
 
 
 def read_manifest(
-    path: str,
-    given: Mapping[str, Any],
-    *,
-    profile: str | None = None,
-    report: str | None = None,
-    cache: str | None = None,
-    junit: str | None = None,
+    path: str, given: Mapping[str, Any], written: BatchFiles = NOTHING_WRITTEN, *, profile: str | None = None
 ) -> list[BatchJob]:
     """Read a manifest at a path or URL, and those that it includes; the paths in each are relative to its folder.
 
     `given` has values from the command line for keys that neither a job nor the defaults name; paths in them are
-    relative to the current folder. `profile` is the name of a profile, whose keys override the defaults. `report`,
-    `cache` and `junit` are outputs of the batch itself.
+    relative to the current folder. `profile` is the name of a profile, whose keys override the defaults. `written`
+    are outputs of the batch itself.
 
     Raises:
         ConfigError: The manifest cannot be read, has problems, or an output is also an input or another output (a line
@@ -87,7 +82,7 @@ def read_manifest(
     except ConfigError as error:
         raise ConfigError(str(error), where=path) from None
     included = tuple(each.path for each in sources.found if each.path != path)
-    jobs = _Jobs(BatchFiles(path, included, report, cache, junit), given, sources.problems)
+    jobs = _Jobs(replace(written, manifest=path, included=included), given, sources.problems)
     jobs.add_all(sources.found, profile)
     return jobs.finished()
 
@@ -172,16 +167,9 @@ def _identity(path: str) -> str:
     return path if stores.is_url(path) else os.path.realpath(path)
 
 
-def read_pattern(
-    pattern: str,
-    given: Mapping[str, Any],
-    *,
-    report: str | None = None,
-    cache: str | None = None,
-    junit: str | None = None,
-) -> list[BatchJob]:
+def read_pattern(pattern: str, given: Mapping[str, Any], written: BatchFiles = NOTHING_WRITTEN) -> list[BatchJob]:
     """Make a job for each asset that matches a pattern; arguments and errors are those of `read_manifest`."""
-    jobs = _Jobs(BatchFiles("", (), report, cache, junit), given, [])
+    jobs = _Jobs(written, given, [])
     jobs.add({"asset": pattern}, {}, Node({}, 0, "", {}), "")
     return jobs.finished()
 

@@ -7,7 +7,7 @@ import re
 from typing import Any
 
 from wrinklecli.batching.manifest_schema import JOB_KEYS, MAX_JOBS
-from wrinklecli.tools.yaml_tree import Node, Problem, printable
+from wrinklecli.tools.yaml_tree import Node, Problem, printable, tree_of
 
 _SEPARATOR = ";"  # between the items of a list in a cell
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
@@ -31,7 +31,7 @@ def read_csv(text: str) -> tuple[Node | None, list[Problem]]:
             cells = zip(keys, row, strict=False)
             values = {key: _cell(key, cell.strip()) for key, cell in cells if cell.strip()}
             if values:
-                jobs.append(_node(values, line))
+                jobs.append(tree_of(values, line))
     except csv.Error as error:
         return None, [Problem(rows.line_num, "", f"CSV: {error}")]
     return _tree(jobs) if jobs or not problems else None, problems
@@ -56,7 +56,7 @@ def read_json_lines(text: str) -> tuple[Node | None, list[Problem]]:
                 reason = f"\\u{ord(error.object[error.start]):04x} is half of a character"
             problems.append(Problem(line, "", f"JSON: {printable(reason, 80)}"))
             continue
-        jobs.append(_node(value, line))
+        jobs.append(tree_of(value, line))
     return _tree(jobs) if jobs or not problems else None, problems
 
 
@@ -81,13 +81,3 @@ def _cell(key: str, text: str) -> Any:
     if _NUMBER.fullmatch(text) and ("number" in kinds or kinds == "integer"):
         return int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else float(text)
     return text
-
-
-def _node(value: Any, line: int) -> Node:
-    """Make a node of a value, and nodes of all that it holds, on one line."""
-    if isinstance(value, dict):
-        return Node(value, line, "a mapping", {key: _node(each, line) for key, each in value.items()})
-    if isinstance(value, list):
-        parts: dict[str | int, Node] = {number: _node(each, line) for number, each in enumerate(value)}
-        return Node(value, line, f"a list of {len(parts)}", parts)
-    return Node(value, line, printable(json.dumps(value, ensure_ascii=False)), {})

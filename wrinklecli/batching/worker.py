@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import TypeAlias
 
 from wrinklecli.batching import stores
-from wrinklecli.batching.cache import Cache, CachedFile, Record, Said, Solutions
+from wrinklecli.batching.cache import Cache, CachedFile, Record, Solutions
 from wrinklecli.batching.cache_keys import Parts, difference, key_of, parts_of, program
 from wrinklecli.batching.job_files import JobFiles, protect
 from wrinklecli.batching.jobs import BatchJob, Outcome
@@ -131,7 +131,7 @@ def _run(here: Staged, cache: Cache, job: BatchJob, open_outputs: OpenOutputs) -
     with _whatever_the_cache_does(cache):
         # If an input was changed during the bake, nobody knows which version was baked.
         if built.files and key_of(parts_of(here.job, job)) == key:
-            cache.keep(key, built.files, Said(outcome.summary, outcome.warnings, outcome.residual, outcome.tallest))
+            cache.keep(key, built.files, outcome)
             cache.note_output(job.out, parts)
     return replace(outcome, warnings=(*outcome.warnings, *cache.warnings))
 
@@ -178,17 +178,8 @@ def _fetched(here: Staged, cache: Cache, job: BatchJob, parts: Parts, open_outpu
         send(here, [(file.root, file.path) for file in missing], set())
         with _whatever_the_cache_does(cache):
             cache.note_output(job.out, parts)
-    said = record.said
-    return Outcome(
-        job,
-        "hit",
-        reason="from the cache" if missing else "in place",
-        key=key,
-        summary=said.summary,
-        warnings=(*said.warnings, *cache.warnings),
-        residual=said.residual,
-        tallest=said.tallest,
-    )
+    said = {**record.said, "warnings": (*record.said["warnings"], *cache.warnings)}
+    return Outcome(job, "hit", reason="from the cache" if missing else "in place", key=key, **said)
 
 
 def _add(files: Iterable[CachedFile], main: CachedFile, here: Staged, cache: Cache, outputs: Outputs) -> None:

@@ -299,17 +299,17 @@ def plain_values(text: str) -> Any:
     return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
-def tree_of(value: Any) -> Node:
-    """The tree of plain Python values; every line is 1."""
+def tree_of(value: Any, line: int = 1) -> Node:
+    """The tree of plain Python values, all on one line."""
     children: dict[str | int, Node] = {}
     if isinstance(value, Mapping):
-        children = {str(key): tree_of(each) for key, each in value.items()}
-        return Node({key: child.value for key, child in children.items()}, 1, "a mapping", children)
+        children = {str(key): tree_of(each, line) for key, each in value.items()}
+        return Node({key: child.value for key, child in children.items()}, line, "a mapping", children)
     if isinstance(value, list | tuple):
-        children = {number: tree_of(each) for number, each in enumerate(value)}
-        return Node([child.value for child in children.values()], 1, f"a list of {len(children)}", children)
+        children = {number: tree_of(each, line) for number, each in enumerate(value)}
+        return Node([child.value for child in children.values()], line, f"a list of {len(children)}", children)
     shown = f"'{printable(value)}'" if isinstance(value, str) else json.dumps(value)
-    return Node(value, 1, shown, {})
+    return Node(value, line, shown, {})
 
 
 def read_tree(text: str, expected: str = "a mapping with version and tools") -> tuple[Node | None, list[Problem]]:
