@@ -11,7 +11,7 @@ import numpy as np
 from kit.asset import Asset, Json, pack_glb, read_glb
 from kit.bakes import bake_once
 from kit.limb import limb_asset, tool
-from wrinklecli.gltf import draco, meshopt
+from wrinklecli.gltf.shape import DRACO, MESHOPT
 
 SMALL: Json = {"rings": 7, "sides": 6}
 MUCH = 4 * 10**9  # bytes
@@ -34,8 +34,8 @@ def _packed(stream: bytes, count: int) -> Asset:
         del accessor["bufferView"]
         accessor["count"] = count
     names = {name: number for number, name in enumerate(primitive["attributes"])}
-    primitive["extensions"] = {draco.EXTENSION: {"bufferView": asset.view(stream), "attributes": names}}
-    asset.gltf["extensionsRequired"] = asset.gltf["extensionsUsed"] = [draco.EXTENSION]
+    primitive["extensions"] = {DRACO: {"bufferView": asset.view(stream), "attributes": names}}
+    asset.gltf["extensionsRequired"] = asset.gltf["extensionsUsed"] = [DRACO]
     return asset
 
 
@@ -108,10 +108,10 @@ def attributes(folder: Path) -> Path:
     packed = {"buffer": 0, "count": count, "byteStride": stride, "mode": "ATTRIBUTES", "filter": "NONE"}
     view = asset.gltf["bufferViews"][asset.view(stream)]
     packed |= {"byteOffset": view["byteOffset"], "byteLength": view["byteLength"]}
-    view |= {"byteLength": count * stride, "extensions": {meshopt.EXTENSIONS[0]: packed}}
+    view |= {"byteLength": count * stride, "extensions": {MESHOPT[0]: packed}}
     position = asset.gltf["accessors"][primitive["attributes"]["POSITION"]]
     position |= {"bufferView": len(asset.gltf["bufferViews"]) - 1, "byteOffset": 0, "count": count}
-    asset.gltf["extensionsRequired"] = asset.gltf["extensionsUsed"] = [meshopt.EXTENSIONS[0]]
+    asset.gltf["extensionsRequired"] = asset.gltf["extensionsUsed"] = [MESHOPT[0]]
     return asset.write(folder / "attributes.glb")
 
 

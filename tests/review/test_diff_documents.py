@@ -82,7 +82,6 @@ from kit.variants import PICTURE, rich
 from wrinklecli.errors import AssetError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.gltf.edited_document import EditedDocument
-from wrinklecli.gltf.unpack import unpack
 from wrinklecli.gltf.writer import write
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.review.diff.diff import diff
@@ -327,7 +326,7 @@ def test_a_compressed_file_is_the_same_as_itself_decompressed(tmp_path: Path, na
     edited = EditedDocument(document)
     for mesh in edited.gltf["meshes"]:
         for primitive in mesh["primitives"]:
-            unpack(edited, primitive)
+            edited.unpack(primitive)
     made = tmp_path / name
     write(edited, made)
     assert diff(path, made).same

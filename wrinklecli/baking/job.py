@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from wrinklecli.baking.baked_body import lost_record
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
 from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
@@ -144,6 +143,8 @@ def read_job(
     settings = _overridden(load_merged(tools_paths(tools), external=options.allow_external), options)
     document = asset if isinstance(asset, Document) else _read(asset, options)
     if options.replace:
+        from wrinklecli.baking.baked_body import lost_record  # other bakes look for no earlier one
+
         if lost := lost_record(document):
             ways = "bake from the original asset, or without --replace if these targets are the asset's own"
             raise BakeError(f"{lost}; {ways}", where=document.path)

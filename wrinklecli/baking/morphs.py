@@ -38,7 +38,6 @@ from wrinklecli.gltf.animated import (
 from wrinklecli.gltf.document import stored_bytes
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.unpack import unpack
 from wrinklecli.numeric.arrays import Floats, Ints, ValueIndex, distinct_values
 from wrinklecli.numeric.memory import once
 from wrinklecli.surface.refine import Refinement
@@ -170,7 +169,7 @@ def encode_mesh(
         base = _Base(normals, along, (refined.group, *accessors))
         if len(refined.new):
             refine_primitive(edited, primitive, refined, fine, where, written)
-        unpack(edited, primitive)
+        edited.unpack(primitive)
         if not targets:
             continue
         count, copies = len(refined.weld), ValueIndex.of(refined.weld)

@@ -11,10 +11,8 @@ import numpy as np
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLES, Document
-from wrinklecli.gltf.draco import EXTENSION
-from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
-from wrinklecli.gltf.shape import Json
-from wrinklecli.gltf.unpack import used_joints
+from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type, used_joints
+from wrinklecli.gltf.shape import DRACO, Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
 from wrinklecli.surface.refine import Refinement
 
@@ -110,7 +108,7 @@ def shared_vertices(source: Document, mesh: int, fine: Refinement) -> list[int]:
     groups = []
     for index, primitive in enumerate(source.items("meshes")[mesh]["primitives"]):
         key: Any = primitive["attributes"]["POSITION"], fine.weld[starts[index] : starts[index + 1]].tobytes()
-        if primitive.get("mode", TRIANGLES) < TRIANGLES or EXTENSION in primitive.get("extensions", {}):
+        if primitive.get("mode", TRIANGLES) < TRIANGLES or DRACO in primitive.get("extensions", {}):
             key = index  # more points would show; each Draco stream has vertices of its own
         groups.append(firsts.setdefault(key, index))
     return groups

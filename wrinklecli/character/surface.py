@@ -17,8 +17,7 @@ from wrinklecli.character.weld import weld
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import EVERY, TRIANGLE_FAN, TRIANGLE_STRIP, TRIANGLES, Document, Rows
-from wrinklecli.gltf.draco import EXTENSION
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.shape import DRACO, Json
 from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, diagonal, flags_of, joined
 
 # Bytes of a morph target's delta of a vertex, three float64.
@@ -322,7 +321,7 @@ def read_triangles(document: Document, primitive: Json, count: int, where: str) 
     else:
         indices = np.arange(count)
     # A Draco stream always holds triangles, even if the mode says strip.
-    if mode == TRIANGLES or EXTENSION in primitive.get("extensions", {}):
+    if mode == TRIANGLES or DRACO in primitive.get("extensions", {}):
         return indices[: len(indices) // 3 * 3].reshape(-1, 3)
     if len(indices) < 3:
         return np.zeros((0, 3), np.intp)

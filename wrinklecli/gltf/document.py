@@ -11,21 +11,23 @@ import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.files.formats import foreign_format
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.animated import check_channels
 from wrinklecli.gltf.files import local_file, read_data_uri, read_file
 from wrinklecli.gltf.new_data import aligned
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
-from wrinklecli.gltf.shape import Json, check_asset, parse_json, place
+from wrinklecli.gltf.shape import DRACO, Json, check_asset, parse_json, place
 from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
 from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory, shown_bytes
+
+if TYPE_CHECKING:
+    from wrinklecli.gltf.draco import DracoMesh
 
 Rows = Ints | slice
 """The numbers of the elements of an accessor that are read."""
@@ -258,7 +260,7 @@ class Document:
         sources: dict[int, tuple[Json, str | None]] = {}
         count = len(self.items("accessors"))
         for primitive in draco_primitives(self.gltf):
-            extension = primitive["extensions"][draco.EXTENSION]
+            extension = primitive["extensions"][DRACO]
             for name, index in primitive.get("attributes", {}).items():
                 if name in extension.get("attributes", {}) and index < count:
                     sources.setdefault(index, (extension, name))
@@ -267,7 +269,7 @@ class Document:
         return sources
 
     @cached_property
-    def _draco_meshes(self) -> dict[int, draco.DracoMesh]:
+    def _draco_meshes(self) -> "dict[int, DracoMesh]":
         return {}
 
     @cached_property
@@ -279,7 +281,9 @@ class Document:
         extension, name = self._draco_sources[index]
         view = extension.get("bufferView", -1)
         if view not in self._draco_meshes:
-            self._draco_meshes[view] = draco.decode(
+            from wrinklecli.gltf.draco import decode  # few files are compressed
+
+            self._draco_meshes[view] = decode(
                 self.view(view, user=where), memory=self.memory, where=self.where("bufferViews", str(view))
             )
         mesh = self._draco_meshes[view]
@@ -350,7 +354,9 @@ class Document:
             count, stride = (_whole(found, key, where, least=1, most=_COUNT_LIMIT) for key in ("count", "byteStride"))
             if count * stride != length:
                 raise AssetError(f"byteLength is {length}, but {count} · {stride} bytes are compressed", where=where)
-            decoded = meshopt.decode(
+            from wrinklecli.gltf.meshopt import decode  # few files are compressed
+
+            decoded = decode(
                 self._span(found, where),
                 count=count,
                 stride=stride,

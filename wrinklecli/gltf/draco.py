@@ -7,10 +7,9 @@ import numpy as np
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.shape import DRACO
 from wrinklecli.numeric.arrays import Array
 from wrinklecli.numeric.memory import Memory, held
-
-EXTENSION = "KHR_draco_mesh_compression"
 
 # Bytes of the bitstream's header: magic, version, kind of geometry, method, flags.
 _HEADER_BYTES = 11
@@ -45,7 +44,7 @@ def decode(data: memoryview, *, memory: Memory, where: str) -> DracoMesh:
         import DracoPy
     except ImportError as error:
         raise AssetError(
-            f"is compressed by {EXTENSION}: install the decoder by `pip install 'wrinklecli[draco]'`,"
+            f"is compressed by {DRACO}: install the decoder by `pip install 'wrinklecli[draco]'`,"
             " or decompress the file by `npx @gltf-transform/cli copy IN OUT`",
             where=where,
         ) from error

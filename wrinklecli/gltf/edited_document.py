@@ -1,6 +1,6 @@
 """Changes a document: patches a copy of the JSON, and adds accessors and buffer views in the place of dropped ones.
 
-Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors).
+Source: glTF 2.0 specification, §3.6 (binary data storage), §5.1 (accessors); KHR_draco_mesh_compression.
 """
 
 import copy
@@ -24,7 +24,7 @@ from wrinklecli.gltf.references import (
     view_references,
     view_span,
 )
-from wrinklecli.gltf.shape import Json
+from wrinklecli.gltf.shape import DRACO, Json
 from wrinklecli.numeric.arrays import Array, nonzero_rows
 
 # Targets of buffer views (§5.11.5).
@@ -220,9 +220,29 @@ class EditedDocument:
             self._free_accessors.append(freed)
             self.gltf["accessors"][freed] = copy.copy(self.gltf["accessors"][like])
 
-    def drop_view(self, view: int) -> None:
-        """Drop one reference to a buffer view that no accessor has."""
-        self._release_view(view)
+    def unpack(self, primitive: Json) -> None:
+        """Give a primitive plain accessors in the place of its Draco stream, if it has none yet."""
+        extension = primitive.get("extensions", {}).pop(DRACO, None)
+        if extension is None:
+            return
+        if not primitive["extensions"]:
+            del primitive["extensions"]
+        primitive.pop("mode", None)  # a strip is decoded to triangles
+        attributes = primitive["attributes"]
+        packed = dict(attributes)
+        users = [(attributes, name, VERTEX_DATA) for name in attributes]
+        users += [(primitive, "indices", INDEX_DATA)] if "indices" in primitive else []
+        for owner, key, target in users:
+            index = owner[key]
+            accessor = self.gltf["accessors"][index]
+            if "bufferView" not in accessor and self.source.is_draco(index):
+                values = self.source.stored(index)
+                weights = packed.get(key.replace("JOINTS_", "WEIGHTS_")) if key.startswith("JOINTS_") else None
+                if weights is not None:
+                    values = used_joints(values, self.source.accessor(weights), key)
+                owner[key] = self.add_like(index, values, target=target, bounds="min" in accessor, replaces=index)
+        if extension.get("bufferView", len(self.gltf["bufferViews"])) < len(self.gltf["bufferViews"]):
+            self._release_view(extension["bufferView"])
 
     def document(self) -> Document:
         """The changed document in memory, with the source's buffers and one of new data."""
@@ -369,3 +389,18 @@ def _accessor(dtype: np.dtype[Any], count: int, components: int) -> Json:
 def _json_numbers(values: Array) -> list[float]:
     """Numbers that JSON readers turn into exactly the stored values."""
     return [value.item() for value in values]
+
+
+def used_joints(joints: Array, weights: Array, name: str) -> Array:
+    """(vertices, 4) joints with joint 0 where the (vertices, 4) weight is 0, as after rounding by Draco.
+
+    A vertex without weight keeps its first joint of JOINTS_0, which it follows.
+
+    Source: glTF 2.0 §3.7.3.3, "joints with a weight of zero SHOULD be set to zero".
+    """
+    if weights.shape != joints.shape:
+        return joints
+    used = weights > 0
+    if name == "JOINTS_0":
+        used[:, 0] |= ~used.any(axis=1)
+    return np.where(used, joints, 0).astype(joints.dtype)

@@ -16,8 +16,6 @@ from wrinklecli.numeric.memory import Memory
 
 Bytes = NDArray[np.uint8]
 
-EXTENSIONS = ("EXT_meshopt_compression", "KHR_meshopt_compression")
-
 _GROUP = 16  # elements that share an encoding
 _BLOCK_ELEMENTS = 256  # most elements of a block
 _BLOCK_BYTES = 8192  # most bytes of a block

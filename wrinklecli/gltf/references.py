@@ -6,22 +6,21 @@ Source: glTF 2.0 specification, §3.6; EXT_meshopt_compression and KHR_draco_mes
 from collections.abc import Iterator
 from typing import Any
 
-from wrinklecli.gltf import draco, meshopt
-from wrinklecli.gltf.shape import COMPRESSIONS, Json
+from wrinklecli.gltf.shape import COMPRESSIONS, DRACO, MESHOPT, Json
 
 
 def view_parts(view: Json) -> Iterator[Json]:
     """The parts of a view that refer to bytes of a buffer: itself, and the extension that compresses it."""
     yield view
     extensions = view.get("extensions", {})
-    yield from (extensions[name] for name in meshopt.EXTENSIONS if name in extensions)
+    yield from (extensions[name] for name in MESHOPT if name in extensions)
 
 
 def draco_primitives(gltf: Json) -> Iterator[Json]:
     """The primitives that Draco compresses."""
     for mesh in gltf.get("meshes", []):
         for primitive in mesh.get("primitives", []):
-            if draco.EXTENSION in primitive.get("extensions", {}):
+            if DRACO in primitive.get("extensions", {}):
                 yield primitive
 
 
@@ -68,8 +67,8 @@ def view_references(gltf: Json) -> Iterator[int]:
 def draco_views(gltf: Json) -> Iterator[int]:
     """Give the buffer view of every reference to a Draco stream."""
     for primitive in draco_primitives(gltf):
-        if "bufferView" in primitive["extensions"][draco.EXTENSION]:
-            yield primitive["extensions"][draco.EXTENSION]["bufferView"]
+        if "bufferView" in primitive["extensions"][DRACO]:
+            yield primitive["extensions"][DRACO]["bufferView"]
 
 
 def extension_integers(value: Any, *, inside: bool = False) -> Iterator[int]:

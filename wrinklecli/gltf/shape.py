@@ -13,10 +13,12 @@ from typing import Any
 from wrinklecli.errors import SHOWN, AssetError, listed
 from wrinklecli.files.formats import foreign_format, is_tools_file
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf import draco, meshopt
 from wrinklecli.gltf.files import path_of
 
 Json = dict[str, Any]
+
+DRACO = "KHR_draco_mesh_compression"
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 
 # Levels of JSON: copying and writing recurse.
 _DEPTH_LIMIT = 256
@@ -91,7 +93,7 @@ _SHAPE: Json = {
                     "material": int,
                     "mode": int,
                     "targets": [{"*": _ACCESSOR}],
-                    "extensions": {draco.EXTENSION: _DRACO_SHAPE},
+                    "extensions": {DRACO: _DRACO_SHAPE},
                 }
             ],
             "weights": [float],
@@ -126,12 +128,10 @@ _SHAPE: Json = {
             "byteOffset": int,
             "byteLength": int,
             "byteStride": int,
-            "extensions": dict.fromkeys(meshopt.EXTENSIONS, _MESHOPT_SHAPE),
+            "extensions": dict.fromkeys(MESHOPT, _MESHOPT_SHAPE),
         }
     ],
-    "buffers": [
-        {"uri": _Uri(), "byteLength": int, "extensions": {name: {"fallback": bool} for name in meshopt.EXTENSIONS}}
-    ],
+    "buffers": [{"uri": _Uri(), "byteLength": int, "extensions": {name: {"fallback": bool} for name in MESHOPT}}],
     "images": [{"name": str, "uri": _Uri(), "bufferView": _VIEW, "mimeType": str}],
     "materials": [{"name": str}],
     "textures": [{"name": str}],
@@ -150,7 +150,7 @@ _KINDS = {
 }
 
 # Compressions that are decoded,
-COMPRESSIONS = (draco.EXTENSION, *meshopt.EXTENSIONS)
+COMPRESSIONS = (DRACO, *MESHOPT)
 # and all extensions of geometry that are understood.
 _GEOMETRY_EXTENSIONS = (*COMPRESSIONS, "KHR_mesh_quantization", "EXT_mesh_features")
 # Words in names of extensions that change geometry or its storage,

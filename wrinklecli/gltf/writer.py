@@ -16,14 +16,13 @@ from typing import IO, NamedTuple, TypeAlias
 from wrinklecli.errors import AssetError, BakeError, TooMuchError
 from wrinklecli.files.outputs import Outputs
 from wrinklecli.frozen import dataclass
-from wrinklecli.gltf import meshopt
 from wrinklecli.gltf.document import BIN_CHUNK, GLB_MAGIC, JSON_CHUNK, Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.files import path_of, read_file, uri_of
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
 from wrinklecli.gltf.references import compressions, view_parts
-from wrinklecli.gltf.shape import Json, json_bytes
+from wrinklecli.gltf.shape import MESHOPT, Json, json_bytes
 
 Bytes: TypeAlias = bytes | memoryview
 
@@ -193,7 +192,7 @@ def _binary_chunk(gltf: Json) -> Json:
     if not gltf.get("buffers"):
         return {}
     # The chunk is no fallback of compressed views.
-    fallback = any(name in gltf["buffers"][0].get("extensions", {}) for name in meshopt.EXTENSIONS)
+    fallback = any(name in gltf["buffers"][0].get("extensions", {}) for name in MESHOPT)
     left_out = ("uri", "extensions") if fallback else ("uri",)
     return {key: value for key, value in gltf["buffers"][0].items() if key not in left_out}
 

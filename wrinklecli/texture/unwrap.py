@@ -22,7 +22,6 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split_mesh import DividedPrimitive
-from wrinklecli.gltf.unpack import unpack
 from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.texture.layout import TexCoords, frames_of, material_of, mikk_tangents, own_uvs, signed_areas
@@ -64,7 +63,7 @@ def unwrapped(
     edited = EditedDocument(job.asset)
     for each in wrinkled:
         for mesh, number in each.places.values():
-            unpack(edited, edited.gltf["meshes"][mesh]["primitives"][number])
+            edited.unpack(edited.gltf["meshes"][mesh]["primitives"][number])
     edited = edited.continued()
     texcoords = {}
     for done, each in enumerate(wrinkled):
