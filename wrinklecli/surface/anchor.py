@@ -14,10 +14,14 @@ from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, determinants, distinct_values, singular, unit
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import EffectTool, Marker, in_axes
+from wrinklecli.tools.records import EffectTool, Marker, in_words
 
 # An anchor further from the mesh than this part of its segment is a mistake.
 _ANCHOR_REACH = 0.25
+# Distance of a tool's middle from the mesh, over the tool's size, beyond which the point is meant for something else.
+_FAR = 0.5
+# Parts of a body, by their names in messages.
+_PARTS = {"half": 0.5, "a quarter": 0.25}
 LEAST_SPAN = 1e-9
 """Distance of two anchors over the mesh's size, or in a pose over that at rest, below which they are one point."""
 
@@ -85,27 +89,16 @@ def anchor_at(
     distance = float(np.linalg.norm(place - point))
     if is_far(distance, segment):
         hint = "" if isinstance(tool.points[number], Marker) else _other_axis(point, segment, rest, up)
-        at = ", ".join(f"{x:.4g}" for x in in_axes(place.tolist(), up))
-        raise BakeError(
-            f"is {distance:.4g} from the mesh, more than a quarter of its segment of {segment:.4g};"
-            f" the nearest point is [{at}]{hint}",
-            where=tool.place_of(number),
-        )
+        most = f"a quarter of its segment of {segment:.4g}"
+        raise BakeError(_off_the_mesh(distance, most, place, up) + hint, where=tool.place_of(number))
     if singular(rest.blended[vertices]).any():
         raise BakeError("the joints here are singular at rest", where=tool.place_of(number))
     around = rest.around.faces_of(vertices)
     on_all = np.isin(surface.triangles[around], vertices).sum(axis=1) >= len(distinct_values(vertices))
     joints, points = _joint_points(vertices, barycentrics, surface)
-    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
-    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
     return Anchor(
         joints=joints,
-        carried=CarriedPoint(
-            nodes=rig.joints[joints],
-            weights=points[0, :, 3],
-            points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
-            shares=bound / np.where(before > 0, before, 1.0),
-        ),
+        carried=carried_by_joints(rig, rest, joints, points),
         vertices=vertices,
         barycentrics=barycentrics,
         triangles=around[on_all],
@@ -113,6 +106,61 @@ def anchor_at(
         normal=unit(barycentrics @ rest.normals_at(vertices)),
         distance=distance,
     )
+
+
+def carried_by_joints(rig: Rig, rest: Rest, joints: Ints, points: Floats) -> CarriedPoint:
+    """The point of which (joints,) joints carry (1 + morph targets, joints, 4) shares, which are in bind space."""
+    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
+    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
+    return CarriedPoint(
+        nodes=rig.joints[joints],
+        weights=points[0, :, 3],
+        points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
+        shares=bound / np.where(before > 0, before, 1.0),
+    )
+
+
+def foot_of(tool: EffectTool, number: int, asked: Floats, rest: Rest, size: tuple[str, float], up: str) -> Floats:
+    """(3,) the point of the surface that is nearest to a (3,) point asked for, for a tool of some size.
+
+    Args:
+        tool: Whose point it is.
+        number: Which of its points.
+        asked: (3,) as asked for, world space at rest.
+        rest: The rest pose.
+        size: The tool's key that says how wide it is, and that width, scene units.
+        up: Axis of the tools file, for messages.
+
+    Raises:
+        BakeError: The surface is farther from the point than half of the size.
+    """
+    key, width = size
+    place, _ = rest.foot(asked)
+    distance = float(np.linalg.norm(place - asked))
+    if distance > _FAR * width:
+        most = f"half of its {key} of {width:.4g}"
+        raise BakeError(_off_the_mesh(distance, most, place, up), where=tool.place_of(number))
+    return place
+
+
+def check_size(tool: EffectTool, size: tuple[str, float], rest: Rest, part: str) -> None:
+    """Refuse a size, as in `foot_of`, that is more than a part of the body: `half` or `a quarter`.
+
+    Raises:
+        BakeError: It is.
+    """
+    (key, width), whole = size, float(np.ptp(rest.positions, axis=0).max())
+    if width > _PARTS[part] * whole:
+        raise BakeError(
+            f"is {width:.4g}, larger than the body allows: it measures {whole:.4g} from end to end, and a {key} may be"
+            f" {part} of that",
+            where=tool.place(key),
+        )
+
+
+def _off_the_mesh(distance: float, most: str, place: Floats, up: str) -> str:
+    """The fault of a point that is too far from the mesh, whose nearest point is a (3,) place."""
+    return f"is {distance:.4g} from the mesh, more than {most}; the nearest point is {in_words(place.tolist(), up)}"
 
 
 def segment_at(asked: Floats, number: int) -> float:

@@ -183,13 +183,13 @@ def _bind_matrices(surface: Surface, rig: Rig, stored: Floats, bind: Floats, too
     return np.tile(stored[main], (len(stored), 1, 1))
 
 
-def asked_positions(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool) -> Floats:
-    """(points, 3) where a tool's points are asked for, world space; markers count at (1,) second of a clip.
+def asked_positions(rig: Rig, rest: Rest, tool: EffectTool) -> Floats:
+    """(points, 3) where a tool's points are asked for, world space; markers count at rest.
 
     Raises:
         BakeError: A marker names no node, or several.
     """
-    return np.stack([_asked_position(rig, clip, time, tool, number) for number in range(len(tool.points))])
+    return np.stack([_asked_position(rig, rest.clip, rest.time, tool, number) for number in range(len(tool.points))])
 
 
 def _asked_position(rig: Rig, clip: Clip | None, time: Floats, tool: EffectTool, number: int) -> Floats:

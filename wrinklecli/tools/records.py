@@ -357,6 +357,11 @@ def in_axes(position: Sequence[float], up: str) -> tuple[float, float, float]:
     return (x, y, z) if up == "y" else (x, 0.0 - z, y)
 
 
+def in_words(position: Sequence[float], up: str) -> str:
+    """A Y-up position with the axes of a tools file, for messages."""
+    return f"[{', '.join(f'{float(each):.4g}' for each in in_axes(position, up))}]"
+
+
 def moved_point(point: Point, moved: Callable[[Position], Position], named: Callable[[str], str] = str) -> Point:
     """A point whose position or offset a linear map moves, and whose node gets another name."""
     if isinstance(point, Marker):
@@ -445,6 +450,10 @@ class EffectTool:
     def identifier(self) -> str:
         """The name in letters, digits and `_`, as in the morph targets `wrinkle_IDENTIFIER_1`; unique too."""
         return identifier(self.name)
+
+    def target_names(self, count: int) -> tuple[str, ...]:
+        """The names of so many morph targets of its own."""
+        return tuple(f"wrinkle_{self.identifier}_{number}" for number in range(1, count + 1))
 
     @property
     def sections(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from kit.asset import Asset, Json
 from kit.bakes import place
 from wrinklecli.character.clip import read_clips
 from wrinklecli.character.rig import read_rig
-from wrinklecli.effects.flesh.in_place import in_place
+from wrinklecli.effects.flesh.attach import in_place
 from wrinklecli.gltf.document import read_document
 
 HEIGHT = 2.0

@@ -8,28 +8,25 @@ import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import contacts_of
+from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import GRAVITY, KEYS_ASKED, Mode, SwingDrive, keys_per_second, signed
 from wrinklecli.effects.attached import Attached, Moves
-from wrinklecli.effects.flesh.in_place import in_place
-from wrinklecli.effects.flesh.kept import swings_of
-from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings
+from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings, swings_of
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
+from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.spring import Spring
+from wrinklecli.surface.anchor import check_size, foot_of
 from wrinklecli.surface.ground import Ground, read_ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.rest import Rest, asked_positions
 from wrinklecli.tools.body import Flesh
-from wrinklecli.tools.records import ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile
 
-# Distance of a region's middle from the skin, over its radius, beyond which the point is meant for something else.
-_FAR = 0.5
-# Part of a body's size beyond which a region's radius is a mistake: a belly's is a tenth.
-_LARGEST = 0.5
 # Mean weight of a joint below which it does not carry a region.
 _CARRIES = 0.01
 # Part of the weight of skin that must be on the joints of a region, if the mesh does not join both.
@@ -43,6 +40,11 @@ _COVERED, _CLOSE = 0.7, 0.3
 _LEAST_MOVE = 1e-6
 # Part of the limit below which nobody sees a region move.
 _SEEN = 0.02
+# Body heights per second at which the ground runs below a clip in place: a slow walk has 0.4, a shifted foot 0.05. And
+# the part of the ground's way within which such a body keeps its place: one that goes ahead gets as far as its feet do.
+_RUNS, _SWAYS = 0.15, 0.25
+# Samples per second, and at most, by which that is measured: a foot is down for a quarter of a second in a run.
+_SAMPLED, _MOST_SAMPLES = 30.0, 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +193,7 @@ def _attach(tool: Flesh, ground: Ground, settings: ToolsFile) -> AttachedFlesh:
         scale=float(np.cbrt(abs(determinants(world[None, :3, :3])[0]))),
         gravity=down * tool.gravity,
         modes=modes,
-        targets=tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, len(modes) + 2)),
+        targets=tool.target_names(len(modes) + 1),
     )
     factors = 2.0 * limit / sizes
     deltas = _deltas(rest, chosen, moved * factors[:, None, None])
@@ -244,7 +246,6 @@ def _deltas(rest: Rest, chosen: Ints, moved: Floats) -> Floats:
 def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | None) -> Place:
     """The region of a tool: its ball, or one round all skin that its mask or its joint chooses."""
     rest = ground.rest
-    size = float(np.ptp(rest.positions, axis=0).max())
     if tool.at is None:
         assert softness is not None, "the schema asks for a middle without it"
         weights = softness / max(float(softness.sum()), TINY)
@@ -252,24 +253,12 @@ def _place(tool: Flesh, ground: Ground, settings: ToolsFile, softness: Floats | 
         away = np.sqrt(((rest.positions - middle) ** 2).sum(axis=1))
         # The whole of it, as the ball's border would hold it.
         return Place(middle, 2.0 * float(away[softness > 0].max(initial=0.0)), softness)
-    (asked,) = asked_positions(ground.rig, rest.clip, rest.time, tool)
+    (asked,) = asked_positions(ground.rig, rest, tool)
     radius = tool.radius
     assert radius is not None, "the schema asks for it"
-    if radius > _LARGEST * size:
-        raise BakeError(
-            f"is {radius:.4g}, larger than the body allows: it measures {size:.4g} from end to end, and a radius may be"
-            f" half of that",
-            where=tool.place("radius"),
-        )
-    foot, _ = rest.foot(asked)
-    distance = float(np.linalg.norm(foot - asked))
-    if distance > _FAR * radius:
-        at = ", ".join(f"{x:.4g}" for x in in_axes(foot.tolist(), settings.up))
-        raise BakeError(
-            f"is {distance:.4g} from the mesh, more than half of its radius of {radius:.4g};"
-            f" the nearest point is [{at}]",
-            where=tool.place_of(0),
-        )
+    size = "radius", radius
+    check_size(tool, size, rest, "half")
+    foot = foot_of(tool, 0, asked, rest, size, settings.up)
     return Place(foot, radius, softness)
 
 
@@ -320,7 +309,7 @@ def _moving(ground: Ground, place: Place) -> Bools:
     """
     rest, surface = ground.rest, ground.surface
     near = ((rest.positions - place.at) ** 2).sum(axis=1) < place.radius**2
-    edges = np.concatenate([rest.triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
+    edges, _ = numbered_edges(rest.triangles)
     labels = components(edges[near[edges].all(axis=1)], len(near))
     # Of large triangles, perhaps one corner alone lies within the region.
     triangle, _, _ = rest.closest_point(place.at)
@@ -370,3 +359,25 @@ def _softness(tool: Flesh, ground: Ground, joint: int | None) -> Floats | None:
         return soft
     painted = mask.welded(surface.weld, len(surface.positions))
     return painted if soft is None else painted * soft
+
+
+def in_place(rig: Rig, clip: Clip) -> bool:
+    """True if a body walks or runs in a clip, but keeps its place.
+
+    The lowest joint is that of the foot which stands. Where the clip moves the body ahead, the foot keeps its place;
+    in place, it slides backwards again and again. A leg that swings to and fro does not get anywhere.
+    """
+    count = int(np.clip(_SAMPLED * (clip.end - clip.start), 2, _MOST_SAMPLES)) + 1
+    times = np.linspace(clip.start, clip.end, count)
+    # A root joint may lie on the ground and stay there; toes, fingers and the like have no joint below them.
+    ends = np.setdiff1d(rig.joints, rig.parents)
+    rows = node_rows(rig, clip, times, ends.tolist())
+    places = np.stack([np.broadcast_to(each[:, 3], (3, count)).T for each in rows])
+    size = float(np.ptp(places[:, 0], axis=0).max())
+    if not size > 0 or not clip.end > clip.start:
+        return False
+    lowest = (places[:, 1:, 1] + places[:, :-1, 1]).argmin(axis=0)
+    steps = np.diff(places[:, :, [0, 2]], axis=1)
+    run = float(np.linalg.norm(steps[lowest, np.arange(count - 1)].sum(axis=0)))
+    way = float(np.ptp(places[:, :, [0, 2]].mean(axis=0), axis=0).max())
+    return run > _RUNS * size * (clip.end - clip.start) and way < _SWAYS * run

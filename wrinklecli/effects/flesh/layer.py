@@ -10,8 +10,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.drive.swing import nonnegative
 from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
-from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh, moves_of
-from wrinklecli.effects.flesh.in_place import in_place
+from wrinklecli.effects.flesh.attach import AttachedFlesh, attach_flesh, in_place, moves_of
 from wrinklecli.errors import listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json

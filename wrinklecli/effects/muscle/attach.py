@@ -201,7 +201,7 @@ def attach_muscles(
 
 def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Container[str | None]) -> AttachedMuscle:
     rig, rest = ground.rig, ground.rest
-    places = asked_positions(rig, rest.clip, rest.time, muscle)
+    places = asked_positions(rig, rest, muscle)
     span = float(np.linalg.norm(places[1] - places[0]))
     if span <= LEAST_SPAN * ground.surface.size:
         raise BakeError("origin and insertion are one point", where=muscle.where)
@@ -259,8 +259,7 @@ def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Containe
         _tension(muscle, ACTIVATION * response.belly, rig),
     )
     deltas = _with_lows(deltas, response.lows)
-    names = tuple(f"wrinkle_{muscle.identifier}_{number + 1}" for number in range(len(deltas)))
-    drive = Drive(muscle.name, segment, names, response.table(), lows=response.lows)
+    drive = Drive(muscle.name, segment, muscle.target_names(len(deltas)), response.table(), lows=response.lows)
     regions = bulges_on(ground, belly, heights)
     covers = tuple(name for name in ground.meshes_over(np.maximum(heights, 0.0)) if name not in swelling)
     return AttachedMuscle(muscle, belly, ends, found.node, response, drive, deltas, heights, regions, covers)

@@ -21,7 +21,7 @@ from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.intersections import Crossings
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Muscle
-from wrinklecli.tools.records import ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile, in_words
 
 # Thicknesses of a belly that travels at which its normals are right.
 _FIT_KNOTS = 12
@@ -102,11 +102,11 @@ class MuscleWords(BodyWords[AttachedMuscle]):
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
         attached, response, warnings = self.attached, self.attached.response, []
         if attached.idle:
-            place = ", ".join(f"{x:.4g}" for x in in_axes(attached.belly.insertion.tolist(), up))
+            place = in_words(attached.belly.insertion.tolist(), up)
             bone = plan.rig.names[attached.bones[0]]
             warnings.append(
                 f"{self.name}: both ends are on {bone!r}, so no joint shortens it; its insertion"
-                f" [{place}] belongs on the bone that it moves, for instance by {{joint: NAME, offset: …}}"
+                f" {place} belongs on the bone that it moves, for instance by {{joint: NAME, offset: …}}"
             )
             return warnings
         least, at, clip = np.inf, 0.0, ""

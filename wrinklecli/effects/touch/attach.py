@@ -20,22 +20,19 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, inverses, singular, smoothstep, unit
 from wrinklecli.numeric.membrane import stretches
 from wrinklecli.numeric.spring import Spring
+from wrinklecli.surface.anchor import carried_by_joints, check_size, foot_of
 from wrinklecli.surface.bones import BoneLines, carried_by
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
 from wrinklecli.surface.refine import Refinement, refine
 from wrinklecli.surface.rest import Rest, asked_positions, named_node
 from wrinklecli.tools.body import Touch
-from wrinklecli.tools.records import ToolsFile, in_axes
+from wrinklecli.tools.records import ToolsFile
 
 FOLDED, TURNED = -0.7, -0.95
 """Strains at the greatest slide below which a warning says so, and below which a bake is refused: at -1 triangles turn
 over."""
 
-# Distance of a place from the mesh, over the pad's radius, beyond which the point is meant for something else.
-_FAR = 0.5
-# Part of a body's size beyond which a pad is a mistake.
-_LARGEST = 0.25
 # Radius of the dent over the pad's: skin bends over more than the tip's own width.
 _DENT = 1.5
 # Radius round the middle in which the skin's bend is fitted, over the pad's.
@@ -217,7 +214,7 @@ def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
                 if each.rings is not None
             ),
         )
-    drive = replace(drive, targets=_names(tool, drive))
+    drive = replace(drive, targets=tool.target_names(_count(drive)))
     strain = min(_strain(fine, slid * grip) for slid in slides)
     if strain < TURNED:
         raise BakeError(
@@ -258,52 +255,28 @@ def _size(tool: Touch, place: Place) -> tuple[float, float, float]:
 def _softness(tool: Touch, ground: Ground) -> Floats | None:
     """(vertices,) factors of a mask; None without one."""
     mask = read_mask(tool, ground, np.arange(len(ground.surface.triangles)))
-    if mask is None:
-        return None
-    counts = np.bincount(ground.surface.weld, minlength=len(ground.surface.positions))
-    painted = np.bincount(ground.surface.weld, mask.at(mask.painted), len(ground.surface.positions))
-    return np.asarray(painted / np.maximum(counts, 1))
+    return None if mask is None else mask.welded(ground.surface.weld, len(ground.surface.positions))
 
 
 def _places(tool: Touch, ground: Ground, settings: ToolsFile) -> tuple[list[Place], float]:
     """The places of a touch on the skin, and their distance from each other: 0 for one place."""
-    rest = ground.rest
-    size = float(np.ptp(rest.positions, axis=0).max())
+    rest, size = ground.rest, ("pad", tool.pad)
     reach = tool.reach.resolve(tool.pad)
-    if tool.pad > _LARGEST * size:
-        raise BakeError(
-            f"is {tool.pad:.4g}, larger than the body allows: it measures {size:.4g} from end to end, and a pad may be"
-            " a quarter of that",
-            where=tool.place("pad"),
-        )
+    check_size(tool, size, rest, "a quarter")
     if tool.pad > reach:
         raise BakeError(
             f"is {tool.pad:.4g}, and the reach is {reach:.4g}: the skin beside a tip slides farther than the tip is"
             " wide; the reach must be at least the pad",
             where=tool.place("pad"),
         )
-    asked = asked_positions(ground.rig, rest.clip, rest.time, tool)
+    asked = asked_positions(ground.rig, rest, tool)
     numbers = (0, *range(len(asked) - len(tool.along) - (tool.by is not None), len(asked) - (tool.by is not None)))
-    feet = np.stack([_foot(tool, number, asked[number], rest, settings.up) for number in numbers])
+    feet = np.stack([foot_of(tool, number, asked[number], rest, size, settings.up) for number in numbers])
     at, spacing = _row(tool, feet, numbers, rest) if tool.along else (feet, 0.0)
     ways = [asked[1] - at[0] if tool.towards is not None else _limb(ground, at[0])]
     if tool.along:
         ways = [*np.diff(at, axis=0), at[-1] - at[-2]]
     return [_place(tool, *each, rest, reach) for each in zip(at, ways, strict=True)], spacing
-
-
-def _foot(tool: Touch, number: int, asked: Floats, rest: Rest, up: str) -> Floats:
-    """(3,) the point of the skin that is nearest to a (3,) point of a touch."""
-    at, _ = rest.foot(asked)
-    distance = float(np.linalg.norm(at - asked))
-    if distance > _FAR * tool.pad:
-        found = ", ".join(f"{x:.4g}" for x in in_axes(at.tolist(), up))
-        raise BakeError(
-            f"is {distance:.4g} from the mesh, more than half of its pad of {tool.pad:.4g}; the nearest point is"
-            f" [{found}]",
-            where=tool.place_of(number),
-        )
-    return at
 
 
 def _row(tool: Touch, feet: Floats, numbers: Sequence[int], rest: Rest) -> tuple[Floats, float]:
@@ -361,11 +334,10 @@ def _limb(ground: Ground, at: Floats) -> Floats:
     return np.asarray(bones.ends[number] - bones.starts[number])
 
 
-def _names(tool: Touch, drive: TouchDrive) -> tuple[str, ...]:
-    """The names of the targets."""
+def _count(drive: TouchDrive) -> int:
+    """How many targets it has."""
     count = sum(len(drive.slides) + len(place.windows) for place in drive.places)
-    count += 0 if drive.limb is None else TouchDrive.bent
-    return tuple(f"wrinkle_{tool.identifier}_{number}" for number in range(1, count + 1))
+    return count + (0 if drive.limb is None else TouchDrive.bent)
 
 
 def _tip(tool: Touch, ground: Ground) -> CarriedPoint | None:
@@ -374,7 +346,7 @@ def _tip(tool: Touch, ground: Ground) -> CarriedPoint | None:
         return None
     number = len(tool.points) - 1
     node = named_node(ground.rig, tool, number)
-    return carried_by(ground, node, asked_positions(ground.rig, ground.rest.clip, ground.rest.time, tool)[number])
+    return carried_by(ground, node, asked_positions(ground.rig, ground.rest, tool)[number])
 
 
 def _bend(fine: Refinement, place: Place, radius: float) -> Floats:
@@ -409,8 +381,6 @@ def _main_direction(drive: TouchDrive, ground: Ground) -> float:
 
 def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
     """The middle of a place, and points before, beside and above it, carried by the joints of the middle."""
-    from wrinklecli.numeric.arrays import determinants
-
     rest, rig, surface = ground.rest, ground.rig, ground.surface
     triangle, shares, _ = rest.closest_point(place.at)
     vertices = surface.triangles[triangle]
@@ -419,8 +389,6 @@ def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
     blended = np.einsum("j,jab->ab", weights[joints], rest.matrices[joints])
     own = len(rig.own.morph_names)
     deltas = np.einsum("k,mkx->mx", shares, surface.morph_deltas[:own, vertices])
-    bound = np.abs(determinants(rig.inverse_binds[joints, :3, :3]))
-    before = np.abs(determinants(rest.matrices[joints, :3, :3]))
     found = []
     for offset in (np.zeros(3), *(place.pad * place.axes)):
         bind = np.linalg.solve(blended[:3, :3], place.at + offset - blended[:3, 3])
@@ -428,14 +396,7 @@ def _anchors(ground: Ground, place: Place) -> tuple[CarriedPoint, ...]:
         points = np.zeros((1 + own, len(joints), 4))
         points[0] = weights[joints, None] * np.append(bind, 1.0)
         points[1:, :, :3] = weights[joints, None] * deltas[:, None]
-        found.append(
-            CarriedPoint(
-                nodes=rig.joints[joints],
-                weights=weights[joints],
-                points=np.einsum("kab,mkb->mka", rig.inverse_binds[joints], points),
-                shares=bound / np.where(before > 0, before, 1.0),
-            )
-        )
+        found.append(carried_by_joints(rig, rest, joints, points))
     return tuple(found)
 
 

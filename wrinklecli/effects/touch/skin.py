@@ -11,6 +11,7 @@ import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
+from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.laplacian import vertex_areas
 from wrinklecli.numeric.membrane import Membrane
 from wrinklecli.numeric.portions import portions
@@ -176,7 +177,7 @@ def _joined(positions: Floats, triangles: Ints, seed: int, place: Place) -> Bool
     distances, _ = place.polar(positions)
     near = distances < place.pad + FADED * place.reach
     near[seed] = True
-    edges = np.concatenate([triangles[:, [one, two]] for one, two in ((0, 1), (1, 2), (2, 0))])
+    edges, _ = numbered_edges(triangles)
     labels = components(edges[near[edges].all(axis=1)], len(near))
     return np.asarray(near & (labels == labels[seed]))
 

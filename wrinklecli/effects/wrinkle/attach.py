@@ -68,7 +68,7 @@ def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) 
             f"; it has {listed(rig.morph_names)}",
             where=tool.place("rest_length", "morph"),
         )
-    asked = asked_positions(rig, rest.clip, rest.time, tool)
+    asked = asked_positions(rig, rest, tool)
     anchors = tuple(
         anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up, snap=tool.snap)
         for number in range(len(asked))

@@ -19,7 +19,7 @@ from wrinklecli.numeric.rays import first_hits
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
-from wrinklecli.tools.records import in_axes
+from wrinklecli.tools.records import in_words
 
 # Distance over the segment by which an anchor may be moved onto the mesh without a warning.
 _FAR = 0.05
@@ -210,8 +210,8 @@ def _room_warnings(plan: MeshPlan, carried: CarriedPatch, clips: Sequence[ClipAc
             most = short[np.argmax(heights[short] - rooms[short])]
             if heights[most] - rooms[most] > beyond:
                 beyond = heights[most] - rooms[most]
-                at = ", ".join(f"{x:.4g}" for x in in_axes(fine.rest_positions[vertices[most]].tolist(), up))
-                worst = f"{heights[most]:.3g} where there is room for {rooms[most]:.3g} at rest, near [{at}];"
+                at = in_words(fine.rest_positions[vertices[most]].tolist(), up)
+                worst = f"{heights[most]:.3g} where there is room for {rooms[most]:.3g} at rest, near {at};"
     return [
         f"{carried.patch.tool.name}: wrinkles are taller than the distance to the opposite surface: {worst}"
         f" {counted(count, 'vertex', 'vertices')} reach it"

@@ -120,7 +120,7 @@ def _points_of(tool: WrinkleTool, meshes: Mapping[int, tuple[Rig, Surface, Rest]
         return ()
     ends = []
     rig, _, rest = next(iter(meshes.values()))
-    points = asked_positions(rig, rest.clip, rest.time, tool)
+    points = asked_positions(rig, rest, tool)
     for number, point in enumerate(points):
         nearest = [(rest.closest_point(point), node) for node, (_, _, rest) in meshes.items()]
         (triangle, barycentrics, place), node = min(nearest, key=lambda each: float(np.linalg.norm(each[0][2] - point)))

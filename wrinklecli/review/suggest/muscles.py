@@ -247,6 +247,6 @@ def _attached(
     )
     if place.tendons is not None:
         muscle = replace(muscle, tendon=place.tendons)
-    ends = asked_positions(ground.rig, ground.rest.clip, ground.rest.time, muscle)
+    ends = asked_positions(ground.rig, ground.rest, muscle)
     guess = Guess(muscle, ground, attach_one(muscle, ground), ends, {})
     return guess, BoneLines.of(ground).side_of(ground, ends.mean(axis=0), ends[1] - ends[0])
