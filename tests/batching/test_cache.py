@@ -20,7 +20,7 @@ from wrinklecli.batching.cache import Cache
 from wrinklecli.batching.cache_keys import Parts, key_of, parts_of
 from wrinklecli.batching.job_files import JobFiles
 from wrinklecli.batching.jobs import BatchJob
-from wrinklecli.effects.flesh import kept, tissue
+from wrinklecli.effects.flesh import tissue
 
 OWNED = b"OWNED"
 DIGEST = hashlib.sha256(OWNED).hexdigest()
@@ -538,10 +538,11 @@ def test_a_solved_region_of_flesh_is_taken_from_the_cache(
     Path("body.glb").write_bytes(body(keys=12, normals=False).glb())
     Path("m.jsonl").write_text(json.dumps({"asset": "body.glb", "tools": "t.yaml", "out": "out.glb"}))
     solved: list[int] = []
-    monkeypatch.setattr(kept, "solve", lambda *args: solved.append(1) or tissue.solve(*args))
+    solve = tissue.solve
+    monkeypatch.setattr(tissue, "solve", lambda *args: solved.append(1) or solve(*args))
 
     def run(frequency: float) -> list[str]:
-        kept._kept.clear()
+        tissue._kept.clear()
         Path("t.yaml").write_text(json.dumps({"version": 1, "flesh": [region(frequency=frequency, shapes=3)]}))
         ran = wrinkle("batch", "m.jsonl", "--cache", "c", "--report", "-")
         assert ran.code == 0, ran.lines

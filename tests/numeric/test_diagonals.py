@@ -8,7 +8,7 @@ import pytest
 from kit.asset import Array
 from kit.garments import plane
 from wrinklecli.numeric.arrays import Floats, face_normals
-from wrinklecli.numeric.diagonals import turn_diagonals
+from wrinklecli.numeric.edges import turn_diagonals
 from wrinklecli.numeric.intersections import edges_of
 
 

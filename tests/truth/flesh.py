@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wrinklecli.effects.flesh.kept import swings_of
-from wrinklecli.effects.flesh.tissue import Body, Place
+from wrinklecli.effects.flesh.tissue import Body, Place, swings_of
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.elements import Tissue, factorised, ritz_modes
 

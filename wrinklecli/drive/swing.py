@@ -5,8 +5,8 @@ n'' + 2 ζ ω n' + ω² n = w · (g - c''): it stays behind where the joint star
 is the spring's gain times its load, a direction in the joint's space, over the animated scale. The damper is between
 flesh and joint: a damper against the world would drag behind a walk. Flesh turns along with its joint.
 
-A clip's keys are joined by a smooth curve that goes nowhere between two keys at the same place (`numeric.monotone`), as
-straight lines between keys would kick the spring at each of them. In steps of a 360th of a second or less the place
+A clip's keys are joined by a smooth curve that goes nowhere between two keys at the same place (`slopes`), as straight
+lines between keys would kick the spring at each of them. In steps of a 360th of a second or less the place
 runs straight, so a kick at each of them is the change of its velocity. All springs together keep the limit by
 themselves (`numeric.limited`).
 
@@ -40,7 +40,6 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, determinants, distinct_values
 from wrinklecli.numeric.limited import STEPS, LimitedSwing, settled, swing
 from wrinklecli.numeric.memory import once
-from wrinklecli.numeric.monotone import divided, slopes
 from wrinklecli.numeric.spring import Spring
 
 GRAVITY = 9.81
@@ -56,6 +55,8 @@ At 3 Hz and 12 keys per second it is 2 % off a fine integration, at 6 keys per s
 _LEAST_PIECES = 4
 # Samples per second of channels that are smooth between their keys (CUBICSPLINE).
 _SAMPLES = 60.0
+# Points of a loop beyond either end that the slopes at its ends depend on.
+_AROUND = 2
 
 
 class Carried(NamedTuple):
@@ -286,3 +287,67 @@ def goes_round(times: Floats, places: Floats) -> bool:
     velocities = np.diff(places, axis=0) / np.diff(times)[:, None]
     change, *beside = np.sqrt(((velocities[[0, 1, -1]] - velocities[[-1, 0, -2]]) ** 2).sum(axis=1)).tolist()
     return bool(change <= max(2.0 * max(beside), 0.1 * float(np.sqrt((np.ptp(velocities, axis=0) ** 2).sum()))))
+
+
+def slopes(times: Floats, points: Floats, *, periodic: bool) -> Floats:
+    """(points, columns) slopes at (points,) sorted times of a curve through (points, columns), three of them at least.
+
+    A curve that is `periodic` goes on as from its beginning, from where it ends. The slope is that of the parabola
+    through the point and its two neighbours, but is limited so that the curve rises nowhere where the points fall, and
+    rests where they rest: a curve of continuous acceleration would move before a motion begins. A smooth crest between
+    two points stays, as a limit that knows single steps alone would cut it off: at 30 points a second, springs of 8 Hz
+    then are 20 % off, here 2 %.
+
+    Source: H. T. Huynh, *Accurate Monotone Cubic Interpolation*, SIAM Journal on Numerical Analysis 30, 1993 (its limit
+        M3), which widens that of F. N. Fritsch and R. E. Carlson, *Monotone Piecewise Cubic Interpolation*, ibid. 17,
+        1980.
+    """
+    if periodic:
+        whole, span = points[-1] - points[0], times[-1] - times[0]
+        before, after = slice(-1 - _AROUND, -1), slice(1, 1 + _AROUND)
+        times = np.concatenate([times[before] - span, times, times[after] + span])
+        points = np.concatenate([points[before] - whole, points, points[after] + whole])
+    spans = np.diff(times)[:, None]
+    steps = np.diff(points, axis=0) / spans
+    bends = np.diff(steps, axis=0) / (spans[1:] + spans[:-1])
+    # A bend of a piece is the less of those at its two points; beyond the ends, they go on.
+    bends = np.concatenate([bends[:1], bends, bends[-1:]])
+    bends = _least(bends[:-1], bends[1:])
+    mean = (spans[1:] * steps[:-1] + spans[:-1] * steps[1:]) / (spans[1:] + spans[:-1])
+    tended = _least(steps[:-1] + bends[:-1] * spans[:-1], steps[1:] - bends[1:] * spans[1:])
+    most = np.maximum(3.0 * np.abs(_least(steps[:-1], steps[1:])), 1.5 * np.abs(tended))
+    inner = _least(mean, np.sign(tended) * most)
+    first, last = (_least(2.0 * steps[end] - inner[end], 3.0 * steps[end])[None] for end in (0, -1))
+    found = np.concatenate([first, inner, last])
+    return found[_AROUND:-_AROUND] if periodic else found
+
+
+def _least(a: Floats, b: Floats) -> Floats:
+    """The one of two numbers that is nearer to 0; 0 if their signs differ."""
+    return np.where(a * b > 0.0, np.where(np.abs(a) < np.abs(b), a, b), 0.0)
+
+
+def divided(times: Floats, points: Floats, slopes: Floats, most: float) -> tuple[Floats, Floats]:
+    """(parts + 1,) times, with those of the points, about `most` apart or less, and (parts + 1, columns) there.
+
+    Args:
+        times: (points,) sorted.
+        points: (points, columns) of the curve.
+        slopes: (points, columns) of the curve.
+        most: Seconds; between two points, all parts are alike.
+    """
+    spans = np.diff(times)
+    # Keys are float32: at 200 s, spans are off by up to 15 µs, which is half a hundredth of a 360th of a second.
+    counts = np.maximum(np.ceil(spans / most - 1e-2), 1.0).astype(np.intp)
+    pieces = np.repeat(np.arange(len(spans)), counts)
+    fractions = (np.arange(len(pieces)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[pieces]
+    t, wide = fractions[:, None], spans[pieces, None]
+    found = (
+        points[pieces] * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + points[pieces + 1] * t**2 * (3.0 - 2.0 * t)
+        + wide * (slopes[pieces] * t * (1.0 - t) ** 2 - slopes[pieces + 1] * t**2 * (1.0 - t))
+    )
+    return (
+        np.append(times[pieces] + fractions * spans[pieces], times[-1]),
+        np.concatenate([found, points[-1:]]),
+    )

@@ -35,7 +35,7 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
-from wrinklecli.numeric.diagonals import turn_diagonals
+from wrinklecli.numeric.edges import turn_diagonals
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision, subdivide

@@ -21,7 +21,7 @@ from wrinklecli.character.clip import Channel, Clip, read_clips
 from wrinklecli.character.rig import read_rig
 from wrinklecli.effects.flesh import tissue as tissue_module
 from wrinklecli.effects.flesh.attach import _spring
-from wrinklecli.effects.flesh.kept import swings_of
+from wrinklecli.effects.flesh.tissue import swings_of
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.piecewise import Signal

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wrinklecli.effects.flesh.kept import _read
-from wrinklecli.effects.flesh.tissue import Swings
+from wrinklecli.effects.flesh.tissue import Swings, _read
 from wrinklecli.effects.kept import written_records
 from wrinklecli.numeric.elements import Tissue
 

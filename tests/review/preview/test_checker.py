@@ -4,8 +4,7 @@ import numpy as np
 
 from wrinklecli.character.paints import Texture, look_up
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.review.preview.checker import checked
-from wrinklecli.review.preview.render import Snapshot
+from wrinklecli.review.preview.render import Snapshot, checked
 
 
 def strip(slides: Floats) -> Snapshot:

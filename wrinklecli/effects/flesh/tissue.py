@@ -4,7 +4,8 @@ The region is the part of the body within a ball, or within a mask, cut into cub
 bones and by what lies beyond the region: there, tissue is stiffer the nearer it is, and at last does not move. So
 shapes fade smoothly into the still skin, and regions that touch add up without a crease.
 
-The result depends on the region's geometry alone. Frequency, damping and limit come after it.
+The result depends on the region's geometry alone. Frequency, damping and limit come after it, so a change of them finds
+it again: it is kept in this process, and in a store if a caller gives one.
 
 Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning: Adding Real-time Dynamic Effects to an Existing
 Character Animation*, SCCG 2005. Differs: that paper attaches springs to an offset of the skeleton, with weights that
@@ -15,11 +16,12 @@ from itertools import product
 
 import numpy as np
 
-from wrinklecli.effects.kept import digest_of
+from wrinklecli.effects.kept import digest_of, keep, kept_solution, read_records, written_records
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, ramp, smoothstep
 from wrinklecli.numeric.closest import is_inside, nearest_of
 from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes
+from wrinklecli.numeric.memory import once
 from wrinklecli.surface.bones import bone_distances
 
 NODES = 2_400
@@ -37,6 +39,10 @@ _PROBED = 14
 _PARTS = 3
 # Layers of cubes beyond the tissue into which its moves are continued, for skin that the cubes miss.
 _LAYERS = 3
+# Regions whose shapes this process keeps.
+_MOST = 16
+# Bytes of a stored solution at most: a grid of 100 nodes along each side and 9 shapes would take twice as much.
+_MOST_BYTES = 2**27
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,3 +240,53 @@ def _shifted(step: int) -> tuple[slice, slice]:
     """The part of an axis that has a neighbour by a step, and that of these neighbours."""
     here, there = slice(max(-step, 0), min(-step, 0) or None), slice(max(step, 0), min(step, 0) or None)
     return here, there
+
+
+_kept: dict[str, Swings] = {}
+
+
+def swings_of(body: Body, place: Place, count: int) -> Swings:
+    """The `count` shapes in which a region swings; those of the last regions are kept.
+
+    Raises:
+        NoFleshError: Nothing of the region can move.
+    """
+    key = solution_key(body, place, count)
+
+    def found() -> Swings:
+        swings = kept_solution(key, lambda data: _read(data, count), what="a solution of this region", most=_MOST_BYTES)
+        if swings is None:
+            swings = solve(body, place, count)
+            keep(key, lambda: written_records(swings))
+        return swings
+
+    return once(_kept, key, found, _MOST)
+
+
+def _read(data: bytes, count: int) -> Swings:
+    """Read a stored solution.
+
+    Raises:
+        AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of so many shapes.
+    """
+    found: Swings = read_records(data, [Swings, Tissue])
+    tissue, values = found.tissue, found.values
+    fitting = (
+        values.ndim == 5
+        and values.shape[4] == 3
+        and found.low.shape == (3,)
+        and found.loads.shape == (len(values), 3)
+        and found.speeds.shape == (count,) == (len(values),)
+        and tissue.nodes.shape == (len(tissue.fills), 8)
+        and tissue.stiffnesses.shape == tissue.fills.shape
+        and tissue.fixed.shape == (int(np.prod(values.shape[1:4])),)
+        and tissue.fixed.dtype == np.bool_
+    )
+    sizes = np.array([found.size, tissue.size])
+    numbers = (found.low, values, found.loads, found.speeds, tissue.fills, tissue.stiffnesses, sizes)
+    if not fitting or not all(np.isfinite(each).all() for each in numbers):
+        raise ValueError("its parts do not fit")
+    nodes = tissue.nodes
+    if not ((sizes > 0).all() and (found.speeds > 0).all() and nodes.min() >= 0 and nodes.max() < len(tissue.fixed)):
+        raise ValueError("its numbers are none of a solution")
+    return found

@@ -1,6 +1,7 @@
 """Render triangles by rays, without a display or a graphics card. The same triangles give the same picture."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,6 +42,16 @@ _ENCODED = srgb(np.linspace(0, 1, 1 << 14, dtype=np.float32))
 # Points along an edge of a triangle at which it is looked at, to see if all of it shows.
 _POINTS = 8
 _ALPHAS = (np.arange(256) / 255.0).astype(np.float32)
+# Cells in the greatest slide of a picture: their edges show a tenth of it.
+_CELLS = 3.0
+# Greatest number of cells across the skin that slides: smaller ones flicker.
+_MOST_CELLS = 40.0
+# Part of the greatest slide from which skin gets the checker.
+_LEAST_SLIDE = 0.01
+# The two tones, 8-bit sRGB, which multiply the colour of the skin.
+_TONES = (255, 196)
+# Pixels of a cell: its edges are as sharp as those of the picture.
+_CELL_PIXELS = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,3 +308,36 @@ def _textured(
         here = np.flatnonzero(own == number)
         if len(here):
             yield here, texture, np.einsum("pi,pia->pa", weights[here], coordinates[triangles[here]])
+
+
+def _texture() -> Texture:
+    """Two by two cells, which repeat."""
+    tones = np.array([_TONES, _TONES[::-1]], np.uint8)
+    pixels: Bytes = np.repeat(np.kron(tones, np.ones((_CELL_PIXELS, _CELL_PIXELS), np.uint8))[..., None], 3, axis=2)
+    return Texture(pixels)
+
+
+_CHECKER = _texture()
+
+
+def checked(before: Snapshot, after: Snapshot, axes: Floats) -> tuple[Snapshot, Snapshot]:
+    """Draw a checker on the triangles that have slid from one snapshot to another, in place of their texture.
+
+    It is straight where nothing has slid, as seen along (3, 3) the rows of a camera: right, up and backwards. The
+    snapshots have the same triangles.
+    """
+    slides = np.linalg.norm(after.corners - before.corners, axis=2).max(axis=1)
+    greatest = float(slides.max(initial=0.0))
+    if not greatest > 0:
+        return before, after
+    chosen = np.flatnonzero(slides > _LEAST_SLIDE * greatest)
+    places = before.corners[chosen] @ axes[:2].T
+    cell = max(greatest / _CELLS, float(np.ptp(places.reshape(-1, 2), axis=0).max()) / _MOST_CELLS)
+    coordinates, numbers = after.coordinates.copy(), after.texture_numbers.copy()
+    coordinates[chosen] = (places - places.reshape(-1, 2).mean(axis=0)) / (2.0 * cell)
+    numbers[chosen] = len(after.textures)
+    textures = (*after.textures, _CHECKER)
+    one, other = (
+        replace(each, coordinates=coordinates, texture_numbers=numbers, textures=textures) for each in (before, after)
+    )
+    return one, other

@@ -18,7 +18,6 @@ from wrinklecli.numeric.guard import Progress
 from wrinklecli.review.preview.apply import PlannedTools, apply_tools
 from wrinklecli.review.preview.camera import Camera, camera_axes, parse_view
 from wrinklecli.review.preview.cards import Card, CardSheet, Picture, cards_size
-from wrinklecli.review.preview.checker import checked
 from wrinklecli.review.preview.framing import View, nothing_to_see, place_of, plan_views
 from wrinklecli.review.preview.heat import HEAT, heat_colours
 from wrinklecli.review.preview.misfits import Misfit, find_misfits, misfit_overlay, misfit_points
@@ -26,7 +25,7 @@ from wrinklecli.review.preview.moments import Moment
 from wrinklecli.review.preview.overlay import INK, RED, RULE, Placed, placed_words
 from wrinklecli.review.preview.peaks import FIELDS, TOOLS, Fact, Peak, baked_peaks_of, planned_peaks
 from wrinklecli.review.preview.preview_options import PreviewOptions, Style
-from wrinklecli.review.preview.render import Snapshot, render
+from wrinklecli.review.preview.render import Snapshot, checked, render
 from wrinklecli.review.preview.sheet_layout import Drawn, refuse_large, rgb_bytes
 from wrinklecli.review.preview.shown import ShownAsset, read_shown, take_snapshot
 from wrinklecli.review.preview.sides import Side, best_light, best_moment, best_side, side_above
