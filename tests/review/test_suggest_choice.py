@@ -125,15 +125,31 @@ def test_hard_parts_are_left_out_unless_all_are_asked_for(tmp_path: Path, asset:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("angle", "name", "count"), [(100.0, "Leather", 1), (-100.0, "Leather", 0), (-100.0, "Skin", 1)]
+    ("angle", "name", "count"), [(100.0, "Leather", 1), (-100.0, "Leather", 0), (-100.0, "Skin", 0)]
 )
-def test_soles_of_shoes_are_stiff(tmp_path: Path, angle: float, name: str, count: int) -> None:
+def test_toes_fold_on_top(tmp_path: Path, angle: float, name: str, count: int) -> None:
     asset = dressed(limb_asset(rings=11, sides=8, angle=angle), name=name)
     for node, part in ((1, "foot_l"), (2, "toes_l")):
         asset.gltf["nodes"][node]["name"] = part
     found = suggested(tmp_path, asset, count=1)
     assert len(found.tools) == count
-    assert any("the sole of a shoe" in note for note in found.notes) == (not count)
+    assert any("on top of the toes" in note for note in found.notes) == (not count)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", [False, True])
+def test_a_grey_arm_gets_a_tool_unless_its_hand_shows_other_skin(tmp_path: Path, hand: bool) -> None:
+    asset = limb_asset(rings=21, sides=8, colors=True)
+    for node, part in ((1, "upperarm_l"), (2, "hand_l")):
+        asset.gltf["nodes"][node]["name"] = part
+    colours = attribute(asset, 0, "COLOR_0")
+    colours[:] = 200
+    if hand:
+        # Colours are linear.
+        colours[attribute(asset, 0, "POSITION")[:, 0] > 0.5] = [205, 130, 95]
+    found = suggest(asset.write(tmp_path / "asset.glb"))
+    assert any("nothing says what it is made of" in note for note in found.notes)
+    assert bool(found.tools) == (not hand)
 
 
 # What nobody sees

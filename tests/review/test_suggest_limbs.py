@@ -59,14 +59,16 @@ def test_bare_skin_creases_close_to_the_joint(tmp_path: Path, monkeypatch: pytes
 # Contact
 
 
-def folded(folder: Path, monkeypatch: pytest.MonkeyPatch, *, installed: bool, joint: str = "LeftLeg") -> Suggestions:
+def folded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, *, installed: bool, joint: str = "LeftForeArm"
+) -> Suggestions:
     """Suggestions for a bare limb that folds through itself."""
     monkeypatch.setattr("wrinklecli.effects.contact.layer.ContactKind.is_installed", property(lambda _: installed))
     return suggested(folder, limb_of("skin", joint, angle=75.0, rings=16, sides=10))
 
 
 @pytest.mark.slow
-def test_contact_is_proposed_where_a_knee_passes_through_itself(
+def test_contact_is_proposed_where_an_elbow_passes_through_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = folded(tmp_path, monkeypatch, installed=True)

@@ -29,6 +29,8 @@ from wrinklecli.tools.records import ToolsFile
 
 # The reason of a substance that the user gives.
 BY_USER = "as --material says"
+# The reason of a substance of which no colour and no name says anything.
+_UNTOLD = "as nothing says what it is made of"
 
 # Words of names, singular; the first kind wins. No fold crosses hair, eyes and teeth. Some words are those of Ready
 # Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character Creator (`Std_Eye_Occlusion`).
@@ -129,6 +131,11 @@ class Substance:
     def material(self) -> MaterialName | None:
         """The material of a tool; None, for a plain tool, on hard parts."""
         return None if self.kind == "hard" or self.kind == "none" else self.kind
+
+    @property
+    def is_guess(self) -> bool:
+        """True if no colour and no name says anything."""
+        return self.why == _UNTOLD
 
     @property
     def words(self) -> str:
@@ -365,9 +372,7 @@ def _soft(
     if not said:
         # Shoes without a word or a colour are a guess, and so is all else; those of cloth are the commonest today.
         # Feet in one piece with hands are as bare as these.
-        return Substance(
-            "cloth" if part in _SHOD and not unshod else "skin", "as nothing says what it is made of", 1.0 / 3.0
-        )
+        return Substance("cloth" if part in _SHOD and not unshod else "skin", _UNTOLD, 1.0 / 3.0)
     odds = np.exp(scores - scores.max())
     best = int(scores.argmax())
     kind = kinds[best]

@@ -21,7 +21,7 @@ from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
 from wrinklecli.review.suggest.candidates import Candidate
 from wrinklecli.review.suggest.measure import MeasuredMesh
-from wrinklecli.review.suggest.place_names import NamedBody
+from wrinklecli.review.suggest.place_names import Aspect, NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
 from wrinklecli.review.suggest.trial import TriedAsset
 from wrinklecli.surface.compression import triangle_weights
@@ -46,6 +46,10 @@ _OPPOSITE = -0.3
 # Parts of a body whose joints fold what is around them. Around others it slides, bulges or is stiff: of 64 places there
 # that were judged by eye, twice each, 4 % of looks kept one. An upper arm folds a garment, whose field is looked at.
 _FOLDING = frozenset(("hips", "spine", "lower arm", "hand", "palm", "upper leg", "lower leg", "toes"))
+# The sides on which joints of legs fold the skin: of 47 places on others that were judged by eye, twice each, none was
+# kept. Arms hang, or stretch out to the side, so the side of an elbow is called by several names.
+_OF_LEGS: Mapping[Part | None, Aspect] = {"upper leg": "front", "lower leg": "back", "toes": "top"}
+_OTHER_SIDE = "legs fold in front of the hip, behind the knee and on top of the toes"
 
 
 def why_unfolded(name: str, *, limb: bool) -> str:
@@ -159,9 +163,11 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         kinds = substances_at(asset.ground(mesh.rig.node))[mesh.gauge.numbers]
         of_kinds = [math.nan] if each.by_morph else np.bincount(kinds, weights * shown[surface])
         limb = each.by_morph or is_limb(part, parts)
-        # Of nine places below shod toes that were judged by eye, twice each, none was kept.
-        sole = part == "toes" and place is not None and place.aspect == "under" and substance.kind != "skin"
-        fault = "it is the sole of a shoe, which is stiff" if sole else why_unfolded(each.driver, limb=limb)
+        on_side = place is None or place.aspect == _OF_LEGS.get(part, place.aspect)
+        fault = why_unfolded(each.driver, limb=limb) if on_side else _OTHER_SIDE
+        bare = makeup.bare
+        if substance.is_guess and bare is not None and not bare.everywhere:
+            fault = "its colour is not that of the bare skin, and nothing says what it is made of"
         fault = substance.fault if substance.kind == "hard" else fault
         if not fault and each.by_morph:
             from_rim = np.linalg.norm(rims(surface) - each.region.centre, axis=1).min(initial=math.inf)
