@@ -15,9 +15,14 @@ AREAS = np.random.default_rng(5).uniform(0.5, 2.0, 60)
 MOST = 24
 
 
+def turn(node: int, angles: Floats) -> Turn:
+    signal = JointAngle(node, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0]))
+    return Turn(signal, angles, ((signal, 1.0),))
+
+
 def sweeps(count: int, mixtures: int = 6) -> Sweeps:
     """Some joints swept one by one, then together; nothing needs their matrices."""
-    turns = [Turn(JointAngle(k, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0])), ANGLES) for k in range(count)]
+    turns = [turn(k, ANGLES) for k in range(count)]
     rows = [np.eye(count)[k] * angle for k in range(count) for angle in ANGLES[1:]]
     owners = np.repeat(np.arange(count), len(ANGLES) - 1).tolist() + [-1] * mixtures
     rows += list(np.random.default_rng(1).uniform(0.0, ANGLES[-1], (mixtures, count)))
@@ -85,9 +90,8 @@ def test_a_crease_acts_from_half_of_the_bend_and_turns_that_raise_most_have_one(
 
 def test_a_turn_has_other_shapes_one_way_than_the_other() -> None:
     angles = np.linspace(-1.6, 1.6, 11)
-    turn = Turn(JointAngle(0, -1, np.array([1.0, 0.0, 0.0]), np.array([0, 0, 0, 1.0])), angles)
     at = angles[angles != 0.0]
-    poses = Sweeps((turn,), at[:, None], np.zeros(len(at), np.intp), np.zeros((len(at), 1, 4, 4)))
+    poses = Sweeps((turn(0, angles),), at[:, None], np.zeros(len(at), np.intp), np.zeros((len(at), 1, 4, 4)))
     heights = 0.02 * np.outer(np.maximum(-at, 0.0), bump(0.2)) + 0.02 * np.outer(np.maximum(at, 0.0), bump(0.8))
     found = factors_of(poses, heights, AREAS, MOST)
     assert found.turns.tolist() == [0, 0]

@@ -8,7 +8,7 @@ import pytest
 
 from kit.asset import Asset, Json
 from kit.garments import ground_of, job_of, tube
-from wrinklecli.character.motion import motion_clip
+from wrinklecli.character.motion import motion_clip, quaternion_product
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.effects.field.turns import Sweeps, Turn, led_by, turns_of
 from wrinklecli.surface.ground import Ground
@@ -31,9 +31,9 @@ def moved(*turns: tuple[Any, float], node: int = ELBOW, **options: Any) -> Asset
     return asset
 
 
-def found_in(asset: Asset, *nodes: int) -> tuple[Ground, list[Turn]]:
+def found_in(asset: Asset, *nodes: int, thickness: float = 0.0) -> tuple[Ground, list[Turn]]:
     ground = ground_of(job_of(asset))
-    return ground, turns_of(ground, nodes or [ELBOW])
+    return ground, turns_of(ground, nodes or [ELBOW], thickness)
 
 
 def degrees(turn: Turn) -> list[float]:
@@ -112,12 +112,65 @@ def test_turns_are_in_the_order_of_the_joints() -> None:
     assert [each.signal.node for each in turns] == [3, 2]
 
 
+def chained(first: float, second: float, together: bool = True) -> Asset:
+    """The tube with a clip that turns two joints, stored aslant, about one axis, at once or one after the other."""
+    asset = tube(joints=3, rings=31, clip=None)
+    clip: Json = {"name": "move"}
+    stored = quaternion([0, 0, 1], 30.0)
+    for row, (node, axis, turn) in enumerate(((2, 0.0, first), (3, -30.0, second))):
+        asset.gltf["nodes"][node]["rotation"] = stored
+        own = quaternion([np.cos(np.radians(axis)), np.sin(np.radians(axis)), 0.0], turn)
+        (made,) = quaternion_product(np.array([own]), np.array(stored)).tolist()
+        keys = [stored, made, made] if together else [stored, *([made, stored], [stored, made])[row]]
+        asset.channel(clip, node, "rotation", np.arange(3.0), keys)
+    asset.append("animations", clip)
+    return asset
+
+
+def test_near_joints_that_turn_together_count_as_one() -> None:
+    asset = chained(40.0, 10.0)
+    ground, (turn,) = found_in(asset, 3, 2, thickness=10.0)
+    assert [joint.node for joint, _ in turn.joints] == [2, 3]
+    assert [share for _, share in turn.joints] == pytest.approx([0.8, 0.2], abs=1e-3)
+    assert (turn.signal.node, turn.signal.parent) == (3, 1)
+    assert degrees(turn)[-1] == pytest.approx(50.0, abs=0.01)
+    (clip,) = ground.clips
+    for angle, time in ((0.0, 0.0), (turn.angles[-1], 1.0)):
+        for made, at in ((clip, time), (motion_clip("", turn.channels(angle)), 1.0)):
+            assert turn.signal.angles(ground.rig, made, np.array([at])).rows[0] == pytest.approx(angle, abs=1e-4)
+    poses = Sweeps.of(ground.rig, [turn], seed="a")
+    farthest = joint_matrices(ground.rig, clip, np.ones(1))[0]
+    assert poses.matrices[poses.ends[0]] == pytest.approx(farthest, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("asset", "thickness"),
+    [
+        pytest.param(chained(40.0, 10.0), 1e-3, id="far"),
+        pytest.param(chained(40.0, -30.0), 10.0, id="apart"),
+        pytest.param(chained(40.0, 30.0, together=False), 10.0, id="later"),
+        pytest.param(chained(100.0, 100.0), 10.0, id="all the way round"),
+    ],
+)
+def test_others_turn_by_themselves(asset: Asset, thickness: float) -> None:
+    _, turns = found_in(asset, 3, 2, thickness=thickness)
+    assert all(len(turn.joints) == 1 for turn in turns)
+
+
+def test_joints_of_a_spine_turn_together_where_no_clip_shows_them() -> None:
+    asset = tube(joints=3, rings=31, clip=None)
+    for node, name in ((2, "spine"), (3, "chest")):
+        asset.gltf["nodes"][node]["name"] = name
+    _, turns = found_in(asset, 2, 3, thickness=10.0)
+    assert [[joint.node for joint, _ in turn.joints] for turn in turns] == [[2, 3]] * 3
+
+
 def test_angles_are_those_that_the_signal_measures() -> None:
     """The drive of the baked file reads what a pose of a sweep is turned by."""
     ground, turns = found_in(moved(([0, 0, 1], -30.0), ([0, 1, 0], 60.0)))
     for turn in turns:
         for angle in turn.angles.tolist():
-            clip = motion_clip("", [turn.channel(angle)])
+            clip = motion_clip("", turn.channels(angle))
             assert turn.signal.angles(ground.rig, clip, np.ones(1)).rows[0] == pytest.approx(angle, abs=1e-6)
 
 
@@ -141,7 +194,9 @@ def test_a_pose_is_that_of_a_clip_with_the_same_turns() -> None:
     ground, turns = found_in(tube(joints=3, rings=31), 2, 3)
     poses = Sweeps.of(ground.rig, turns, seed="a")
     row = int(np.flatnonzero(poses.owners < 0)[-1])
-    clip = motion_clip("", [turn.channel(float(angle)) for turn, angle in zip(turns, poses.angles[row], strict=True)])
+    clip = motion_clip(
+        "", [turn.channels(float(angle))[0] for turn, angle in zip(turns, poses.angles[row], strict=True)]
+    )
     assert poses.matrices[row] == pytest.approx(joint_matrices(ground.rig, clip, np.ones(1))[0], abs=1e-9)
 
 

@@ -130,7 +130,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     ratios = np.clip(beyond.of(2.0 * np.pi * radii / max(girth, TINY)), _THINNEST, _THICKEST)
     # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
     wavelengths = wavelength * (np.sqrt(ratios) if tool.wavelength.percent else np.ones(len(ratios)))
-    turns = turns_of(ground, _joints(tool, ground))
+    turns = turns_of(ground, _joints(tool, ground), girth / np.pi)
     if not turns:
         raise BakeError("no joint of its mesh turns", where=where)
     seed = drawn_from(tool.name, tool.seed)
