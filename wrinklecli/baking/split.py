@@ -61,10 +61,8 @@ def planned_bytes(plan: MeshPlan, targets: Sequence[Ints]) -> int:
 
     Args:
         plan: The mesh.
-        targets: For each target the fine welded vertices that it moves, and turns the normals of their neighbours; what
-            moves none will be no target.
+        targets: For each target the fine welded vertices that it moves. It turns normals of their neighbours.
     """
-    targets = [moved for moved in targets if len(moved)]
     triangles, vertices = plan.fine.triangles, np.zeros((len(plan.fine.positions), len(targets)), np.bool_)
     for number, moved in enumerate(targets):
         vertices[moved, number] = True

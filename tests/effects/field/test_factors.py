@@ -1,5 +1,6 @@
 """Few shapes and tables of weights for the heights of many poses."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -178,6 +179,22 @@ def test_fewer_shapes_are_those_of_the_turns_that_raise_most(most: int) -> None:
     # Its error is that of the heights, as far as those of fewer shapes are off those of all.
     gaps = (fitted(poses, fewer) - np.asarray(heights)) * np.sqrt(AREAS)
     assert fewer.error == pytest.approx(np.linalg.norm(gaps) / np.linalg.norm(heights * np.sqrt(AREAS)), rel=0.3)
+
+
+def test_creases_are_left_out_before_any_shape_that_folds() -> None:
+    """Two of three turns are of one joint."""
+    poses = sweeps(3)
+    poses = replace(
+        poses, turns=tuple(replace(each, signal=replace(each.signal, node=k % 2)) for k, each in enumerate(poses.turns))
+    )
+    heights = sum(0.01 * (k + 1) * np.outer(early(poses.angles[:, k]), bump(0.2 * k + 0.1)) for k in range(3))
+    both = factors_of(poses, np.asarray(heights), AREAS, MOST).creased(poses, MOST)
+    assert both.creases.tolist() == [False, True] * 3
+    for most in (3, 4, 5):
+        fewer, kept = both.fewer(poses, most)
+        assert np.count_nonzero(fewer.creases) == most - 3
+        assert (fewer.creases == both.creases[kept]).all()
+        assert not fewer.left_out
 
 
 @pytest.mark.parametrize("unit", [1e-21, 1e-7, 1e9])

@@ -19,6 +19,7 @@ from kit.limb import sleeved_limb, tool
 from kit.places import ROOT
 from kit.player import Floats, Gltf, wrinkle_columns
 from wrinklecli.baking.track import track
+from wrinklecli.review.check import check
 
 TIMES = np.linspace(0.0, 2.0, 9)
 TUBE = cache(lambda: place(tube()))
@@ -160,6 +161,17 @@ def test_a_report_tells_of_turns_and_errors() -> None:
     assert {each["joint"] for each in field["turns"]} == {"joint_1", "joint_2"}
     assert 0 <= field["least_error"] <= field["error"] + 1e-9 < 0.5
     assert len(field["targets"]) == sum(each["shapes"] for each in field["turns"]) <= 4
+
+
+@pytest.mark.slow
+def test_check_counts_the_shapes_that_a_bake_writes(tmp_path: Path) -> None:
+    """In a slight bend a crease takes nothing back, so it is no target."""
+    asset = place(tube(angle=40.0))
+    (written,) = report_of(bake_once(asset, top=ONE, **FLAT)).data["fields"]
+    (checked,) = check(asset, tools_file(tmp_path / asset.name, *ONE["fields"]), max_levels=0).data["fields"]
+    assert checked["turns"] == written["turns"]
+    assert checked["targets"] == written["targets"]
+    assert [each["shapes"] for each in checked["turns"]] == [1]
 
 
 @pytest.mark.parametrize("angle", [90.0, pytest.param(140.0, marks=pytest.mark.slow)])

@@ -35,8 +35,8 @@ def deltas_of(plan: MeshPlan) -> Floats:
     """The shapes with their creases, as each joint's end of the bend plays them."""
     layer = plan.layer(FieldLayer)
     assert layer is not None
-    creases = layer.attached[0].factors.creases
-    return layer.deltas[0][~creases] + layer.deltas[0][creases]
+    folds = np.cumsum(~layer.attached[0].factors.creases) - 1
+    return np.stack([layer.deltas[0][folds == number].sum(axis=0) for number in range(folds[-1] + 1)])
 
 
 def without(module: ModuleType, name: str, stand_in: Callable[..., Any], angle: float, levels: int = 0) -> MeshPlan:

@@ -101,8 +101,8 @@ class AttachedField(Attached[Field]):
         return self.wavelength
 
     def may_move(self, fine: Refinement) -> list[Ints]:
-        """For each target the vertices of a refined surface that it may move; lowering may leave out some of them."""
-        heights = fine.subdivision.interpolate(self.factors.shapes.T)
+        """For each fold the vertices of a refined surface that it may move: all but those that lowering leaves out."""
+        heights = fine.subdivision.interpolate(self.factors.shapes[~self.factors.creases].T)
         return [np.flatnonzero(each > UNSEEN * heights.max()) for each in heights.T]
 
 
@@ -160,7 +160,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         slack=tool.slack,
         allowed=allowed,
     )
-    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES).creased(sweeps, _MOST_SHAPES)
+    factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
     tallest = float(measured.heights.max())
     if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
@@ -168,6 +168,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
             f" joints turn: folds would be {2.0 * tallest:.2g} high at most",
             where=where,
         )
+    factors = factors.creased(sweeps, _MOST_SHAPES)
     height = 2.0 * (1.0 - fabric.inward) * tallest
     shares = measured.heights.max(axis=0) / tallest
     seen = members[(shares[surface.triangles[members]] > UNSEEN).any(axis=1)]

@@ -10,7 +10,7 @@ from wrinklecli.character.pose import Pose
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.body import BodyWords, body_effect, largest_moves, moves_at_rest
 from wrinklecli.effects.effect import Effect, MeshPlan, Remixes, Seen, driven_targets
-from wrinklecli.effects.field.attach import AttachedField, drive_of
+from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.factors import weights_of
 from wrinklecli.effects.shapes import Middles, Sample, make_shapes, summed
 from wrinklecli.errors import listed
@@ -41,8 +41,7 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
         else [],
         middles=middles,
     )
-    there = np.array([shape is not None for shape in shapes])
-    words = FieldWords(replace(attached, drive=attached.drive.of_targets(there)), deltas, moves[there])
+    words = FieldWords(attached, deltas, moves)
     return replace(body_effect(attached, shapes, words), remixes=words, add_up=True)
 
 
@@ -51,7 +50,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
     """A field's words about itself, and its other targets for engines.
 
     Attributes:
-        moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest, of shapes that move any.
+        moves: (targets, moved vertices, 3) displacements at weight 1 in world space at rest.
     """
 
     moves: Floats
@@ -74,17 +73,9 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         if len(effect.targets) <= most:
             return effect
         factors, kept = attached.factors.fewer(attached.sweeps, most)
-        fewer = replace(attached, factors=factors)
-        fewer = replace(fewer, drive=drive_of(fewer.tool, fewer.sweeps, factors))
-        own = {target.number: row for row, target in enumerate(effect.targets)}
-        rows = [own.get(number) for number in kept.tolist()]
-        shapes = [None if row is None else effect.targets[row].shape for row in rows]
-        there = np.array([row is not None for row in rows])
-        targets = driven_targets(fewer.drive.targets, shapes)
-        made = replace(fewer.drive, strength=drive.strength, strengths=drive.strengths)
-        played = made.of_targets(there)
-        moves = self.moves[[row for row in rows if row is not None]]
-        words = FieldWords(replace(fewer, drive=played), self.deltas[kept], moves)
+        played = drive.of_targets(np.isin(np.arange(len(effect.targets)), kept))
+        targets = driven_targets(played.targets, [effect.targets[k].shape for k in kept.tolist()])
+        words = FieldWords(replace(attached, factors=factors, drive=played), self.deltas[kept], self.moves[kept])
         return replace(effect, targets=targets, drive=played, words=words, remixes=words)
 
     def values(self, names: Sequence[str]) -> Json:

@@ -53,36 +53,38 @@ class Factors:
     creases: Bools
     left_out: tuple[int, ...] = ()
 
-    def fewer(self, sweeps: Sweeps, most: int) -> "tuple[Factors, Ints]":
-        """At most so many shapes, for the turns that fold most, and (shapes,) their old numbers."""
-        count = len(self.turns)
-        kept = np.sort(_ranked(sweeps, self.turns.tolist(), np.sqrt(np.diag(self.products)))[:most])
-        gone, weights = np.setdiff1d(np.arange(count), kept), weights_of(sweeps, self.turns, self.tables)
-        lost = _size(weights[:, gone], self.products[np.ix_(gone, gone)]) / _size(weights, self.products)
-        turns = self.turns[kept]
-        found = Factors(
-            turns=turns,
+    def some(self, kept: Ints) -> "Factors":
+        """Those of its shapes that have such numbers, sorted; it keeps its error."""
+        return replace(
+            self,
+            turns=self.turns[kept],
             shapes=self.shapes[kept],
             tables=tuple(self.tables[k] for k in kept),
-            error=float(np.hypot(self.error, lost)),
-            best=self.best,
             products=self.products[np.ix_(kept, kept)],
             creases=self.creases[kept],
-            left_out=(*dict.fromkeys(turn for turn in self.turns.tolist() if turn not in turns), *self.left_out),
         )
+
+    def fewer(self, sweeps: Sweeps, most: int) -> "tuple[Factors, Ints]":
+        """The shapes of turns that fold most, then their creases, at most so many, and (shapes,) their old numbers."""
+        every, volumes = np.arange(len(self.turns)), np.sqrt(np.diag(self.products))
+        ranks = np.argsort(_ranked(sweeps, self.turns[~self.creases].tolist(), volumes[~self.creases]))
+        own = ranks[np.cumsum(~self.creases) - 1]
+        kept = np.sort(np.lexsort((own, self.creases))[:most])
+        gone, weights = np.setdiff1d(every, kept), weights_of(sweeps, self.turns, self.tables)
+        lost = _size(weights[:, gone], self.products[np.ix_(gone, gone)]) / _size(weights, self.products)
+        absent = np.setdiff1d(self.turns, self.turns[kept]).tolist()
+        found = replace(self.some(kept), error=float(np.hypot(self.error, lost)), left_out=(*absent, *self.left_out))
         return found, kept
 
     def creased(self, sweeps: Sweeps, most: int) -> "Factors":
         """Add creases to the shapes, of which there are then at most so many: the turns that fold most get one."""
-        count = len(self.turns)
-        first = _ranked(sweeps, self.turns.tolist(), np.sqrt(np.diag(self.products)))[: max(most - count, 0)]
-        order = np.repeat(np.arange(count), 1 + np.isin(np.arange(count), first))
-        creases = np.diff(order, prepend=-1) == 0
+        order = np.repeat(np.arange(len(self.turns)), 2)
+        creases = np.arange(len(order)) % 2 == 1
         tables = [
             self.tables[k] * (_late(sweeps.turns[self.turns[k]].angles) if crease else 1.0)
             for k, crease in zip(order.tolist(), creases, strict=True)
         ]
-        return replace(
+        found = replace(
             self,
             turns=self.turns[order],
             shapes=np.where(creases[:, None], 0.0, self.shapes[order]),
@@ -90,6 +92,7 @@ class Factors:
             products=np.where(np.logical_or.outer(creases, creases), 0.0, self.products[np.ix_(order, order)]),
             creases=creases,
         )
+        return found.fewer(sweeps, most)[0]
 
 
 def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:

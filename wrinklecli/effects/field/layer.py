@@ -10,13 +10,13 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.effects.body import BodyLayer, BodyPart, moves_at_rest
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part
 from wrinklecli.effects.field.attach import AttachedField, attach_fields
-from wrinklecli.effects.field.carry import displaced
+from wrinklecli.effects.field.carry import Displacements, displaced
 from wrinklecli.effects.field.effect import SECTION, FieldWords, field_effect
-from wrinklecli.effects.shapes import Middles
+from wrinklecli.effects.shapes import LEAST_SHARE, Middles
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools, Floats, greatest_coordinates
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
@@ -45,15 +45,18 @@ class FieldLayer(BodyLayer[AttachedField]):
         cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedField]], ground: Ground | None = None
     ) -> "FieldLayer":
         """Let the refined surface carry them, each with the number of its region, and look at them on the mesh."""
-        pairs = list(numbered)
-        regions, every = tuple(number for number, _ in pairs), tuple(each for _, each in pairs)
-        free, found = _free(plan), []
-        for each in every:
-            made = displaced(each, plan.fine, free, ground)
-            free = free * (1.0 - made.shares)
-            found.append(made)
-        deltas, middles = tuple(each.deltas for each in found), tuple(each.middles for each in found)
-        return cls(every, regions, deltas, middles, tuple(each.remaining for each in found))
+        free, regions, found = _free(plan), list[int](), list[tuple[AttachedField, Displacements]]()
+        for number, each in numbered:
+            regions.append(number)
+            found.append(_carried(each, plan.fine, free, ground))
+            free = free * (1.0 - found[-1][1].shares)
+        return cls(
+            tuple(attached for attached, _ in found),
+            tuple(regions),
+            tuple(made.deltas for _, made in found),
+            tuple(made.middles for _, made in found),
+            tuple(made.remaining for _, made in found),
+        )
 
     @property
     def named_clips(self) -> frozenset[str]:
@@ -84,6 +87,19 @@ class FieldLayer(BodyLayer[AttachedField]):
         ]
         ways = "bake clips of other files (--anim), add folds to them (`wrinkle track`), or use a driver"
         return found if clips else [*found, f"{names}: there is no clip, so nothing folds yet: {ways}"]
+
+
+def _carried(
+    attached: AttachedField, fine: Refinement, free: Floats, ground: Ground | None = None
+) -> tuple[AttachedField, Displacements]:
+    """A field as `displaced` gives it, and with these shapes: those that move something, such as no level crease."""
+    made = displaced(attached, fine, free, ground)
+    lengths = greatest_coordinates(made.deltas).max(axis=1)
+    # A field that is level everywhere keeps all of them.
+    moving = lengths >= LEAST_SHARE * lengths.max()
+    factors, drive = attached.factors.some(np.flatnonzero(moving)), attached.drive.of_targets(moving)
+    middles = replace(made.middles, deltas=made.middles.deltas[moving])
+    return replace(attached, factors=factors, drive=drive), replace(made, deltas=made.deltas[moving], middles=middles)
 
 
 def _free(plan: MeshPlan) -> Floats:
@@ -122,10 +138,10 @@ class FieldKind(EffectKind[Field, AttachedField]):
         It is not lowered where it is at fault.
         """
         old = before.attached if before is not None else None
-        if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.factors is attached.factors:
-            return replace(before, attached=attached)
-        made = displaced(attached, fine, np.ones(len(fine.positions)))
-        layer = FieldLayer((attached,), (region,), (made.deltas,), (made.middles,))
+        if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.sweeps is attached.sweeps:
+            return replace(before, attached=self.driven_by(old, attached.tool))
+        carried, made = _carried(attached, fine, np.ones(len(fine.positions)))
+        layer = FieldLayer((carried,), (region,), (made.deltas,), (made.middles,))
         (part,) = layer.parts
         return part
 

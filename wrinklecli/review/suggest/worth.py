@@ -243,7 +243,7 @@ class Judge:
                 suggestion,
                 height=tallest.height if raised else 0.0,
                 wavelength=placement.attached.bump_width,
-                targets=sum(len(moved) > 0 for each in placed.values() for moved in each.part.target_vertices),
+                targets=sum(len(each.part.drive.targets) for each in placed.values()),
                 gpu_bytes=cost,
                 own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
                 judgement=Score.of(self._merits(placement, suggestion, tallest, limb=limb)) if raised else None,
