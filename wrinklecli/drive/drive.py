@@ -47,9 +47,9 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle, read_angle
-from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths, RestLength, Segment, Tension, point_json, read_point
 from wrinklecli.drive.stored import (
+    TAUT,
     Json,
     read_keys,
     read_number,

@@ -11,14 +11,12 @@ loop, and the spring's motion is periodic. The paper has no springs: its heights
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring, SpringResponse, fit_quartics, positive, respond
 from wrinklecli.tools.records import Lag
-
-TAUT = 1 - 1e-5
-"""Part of the rest length below which wrinkles start, as rounding noise of 1e-7 alone would raise 6e-5 l."""
 
 # Longest piece of the fitted shortening before refinement, seconds.
 _PIECE = 0.1

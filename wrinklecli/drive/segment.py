@@ -7,7 +7,7 @@ against that at rest. Differs: a path has more points; animated scale is taken o
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from wrinklecli.character.carried import CarriedPoint, Carriers, carried_places,
 from wrinklecli.character.clip import Clip, motion_breaks
 from wrinklecli.character.pose import LEAST_SCALE, morph_weights
 from wrinklecli.character.rig import Rig
-from wrinklecli.drive.lag import SpringFilter, spring_filter
 from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.tools.records import Lag
+
+if TYPE_CHECKING:
+    from wrinklecli.drive.lag import SpringFilter
 
 
 def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
@@ -178,10 +180,11 @@ class Segment:
         apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
         return np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
 
-    def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> SpringFilter | None:
+    def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> "SpringFilter | None":
         """The response of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""
         if lag is None or clip is None:
             return None
+        from wrinklecli.drive.lag import spring_filter  # few tools ask for it
 
         def ratios(times: Floats) -> Floats:
             found = self.lengths(rig, clip, times)

@@ -7,6 +7,9 @@ import numpy as np
 
 from wrinklecli.numeric.arrays import Floats, significant
 
+TAUT = 1 - 1e-5
+"""Part of the rest length below which wrinkles start, as rounding noise of 1e-7 alone would raise 6e-5 l."""
+
 Json: TypeAlias = dict[str, Any]
 
 DIGITS = 8

@@ -13,7 +13,7 @@ from numpy.polynomial import legendre
 from scipy.integrate import quad
 
 from wrinklecli.choices import Profile
-from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.effects.profile import SmoothProfile
 from wrinklecli.effects.wrinkle.bumps import group_bumps
 from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve

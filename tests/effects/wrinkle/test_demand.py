@@ -10,7 +10,7 @@ from kit.carried import carry_patch, moved, scattered
 from kit.limb import LENGTH, RADIUS, limb_asset, limb_weights
 from kit.prepared import Prepared, prepare
 from wrinklecli.character.pose import blend, joint_matrices, transform
-from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.demand import _Line, demanding

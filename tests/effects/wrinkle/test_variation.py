@@ -13,7 +13,7 @@ from kit.carried import carry_patch
 from kit.drawn import CHARACTERS
 from kit.limb import limb_asset, tool
 from kit.prepared import prepare
-from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.effects.wrinkle.curve import plan_curve
 from wrinklecli.effects.wrinkle.lookup import group_starts
 from wrinklecli.effects.wrinkle.variation import Variation, attenuation, plan_variation

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from wrinklecli.choices import Profile, Strategy
-from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.effects.profile import SmoothProfile, plan_smooth
 from wrinklecli.effects.wrinkle.bumps import Bumps, count_intervals, group_bumps
 from wrinklecli.frozen import dataclass

@@ -23,7 +23,7 @@ from wrinklecli.character.pose import blend, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import Influences, SkinnedMesh, skinned_mesh
 from wrinklecli.character.surface import Surface
-from wrinklecli.drive.lag import TAUT
+from wrinklecli.drive.stored import TAUT
 from wrinklecli.effects.wrinkle.bending import MOMENTS, bent_node, turns_of
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve

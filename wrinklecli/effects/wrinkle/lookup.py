@@ -15,9 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from wrinklecli.drive.lag import TAUT
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.stored import stored
+from wrinklecli.drive.stored import TAUT, stored
 from wrinklecli.drive.table import ROWS, TABLE_ERROR, Table
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.frozen import dataclass
