@@ -18,6 +18,7 @@ from wrinklecli.review.diff.difference import (
     Sides,
     brief,
     differ,
+    only_in_one,
     pairs_by_key,
     without,
 )
@@ -36,22 +37,17 @@ def animation_differences(sides: Sides, chosen: Sequence[str]) -> Findings:
         }
         for animations, clips in ((first, clips_a), (second, clips_b))
     )
-    pairs = pairs_by_key(list(names_a), list(names_b), names_a.__getitem__, names_b.__getitem__)
     # An animation that moves the same properties under another name was renamed.
-    renamed = pairs_by_key(
-        without(names_a, pairs),
-        without(names_b, pairs.values()),
-        lambda i: frozenset((sides.nodes.get(node), path) for node, path in _properties(first[i])),
-        lambda j: frozenset(_properties(second[j])),
+    pairs = pairs_by_key(
+        {i: frozenset((sides.nodes.get(node), path) for node, path in _properties(first[i])) for i in names_a},
+        {j: frozenset(_properties(second[j])) for j in names_b},
+        pairs_by_key(names_a, names_b),
     )
-    for i, j in renamed.items():
-        message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
-        yield differ("structure", ("animations", i, "name"), message, name=names_a[i])
-    pairs |= renamed
-    for i in without(names_a, pairs):
-        yield differ("structure", ("animations", i), "only in A", name=names_a[i])
-    for j in without(names_b, pairs.values()):
-        yield differ("structure", ("animations", j), "only in B", name=names_b[j])
+    for i, j in pairs.items():
+        if names_a[i] != names_b[j]:
+            message = f"{brief(names_a[i])} -> {brief(names_b[j])}"
+            yield differ("structure", ("animations", i, "name"), message, name=names_a[i])
+    yield from only_in_one("animations", names_a, names_b, pairs)
     skip = {"name", "channels", "samplers"}
     for i, j in sorted(pairs.items()):
         yield from dict_differences(first[i], second[j], ("animations", i), "animations", sides.limits, skip=skip)
@@ -75,10 +71,8 @@ def _clip_differences(sides: Sides, first: Clip, second: Clip) -> Findings:
     nodes_a, nodes_b = sides.names
     # Only an invalid file has two channels of one property; they are paired in their order.
     pairs = pairs_by_key(
-        range(len(first.channels)),
-        range(len(second.channels)),
-        lambda k: (sides.nodes.get(first.channels[k].node, -1), first.channels[k].path),
-        lambda k: (second.channels[k].node, second.channels[k].path),
+        {k: (sides.nodes.get(channel.node, -1), channel.path) for k, channel in enumerate(first.channels)},
+        {k: (channel.node, channel.path) for k, channel in enumerate(second.channels)},
     )
     for number, channel in enumerate(first.channels):
         what = f"{channel.path} of {nodes_a[channel.node]!r}"

@@ -184,17 +184,12 @@ def _matched(
     primitives_a: Sequence[ScenePrimitive], primitives_b: Sequence[ScenePrimitive], stored: _StoredPoses
 ) -> tuple[list[tuple[ScenePrimitive, ScenePrimitive]], list[ScenePrimitive], list[ScenePrimitive]]:
     """Pair primitives with the same triangles in their order, and give the unpaired primitives of each asset."""
-    numbers_a, numbers_b = range(len(primitives_a)), range(len(primitives_b))
-    pairs = pairs_by_key(
-        numbers_a,
-        numbers_b,
-        lambda k: stored.topology(primitives_a[k]),
-        lambda k: stored.topology(primitives_b[k]),
-    )
+    keys_a, keys_b = (dict(enumerate(map(stored.topology, each))) for each in (primitives_a, primitives_b))
+    pairs = pairs_by_key(keys_a, keys_b)
     return (
         [(primitives_a[i], primitives_b[j]) for i, j in pairs.items()],
-        [primitives_a[i] for i in without(numbers_a, pairs)],
-        [primitives_b[j] for j in without(numbers_b, pairs.values())],
+        [primitives_a[i] for i in without(keys_a, pairs)],
+        [primitives_b[j] for j in without(keys_b, pairs.values())],
     )
 
 

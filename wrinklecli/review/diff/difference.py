@@ -4,7 +4,7 @@ A comparison is a function of the two documents (`Sides`). It yields differences
 compared next, in the order in which people read them.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import field
 from typing import Any, Literal
 
@@ -24,6 +24,7 @@ Place = tuple[str | int, ...]
 ROUNDINGS = 8 * 2.0**-23
 # Characters of a value that a message repeats.
 _SHOWN = 60
+_NO_PAIRS: Mapping[int, int] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,17 +159,17 @@ def brief(value: Any) -> str:
 
 
 def pairs_by_key(
-    first: Sequence[int], second: Sequence[int], key_a: Callable[[int], Hashable], key_b: Callable[[int], Hashable]
+    first: Mapping[int, Hashable], second: Mapping[int, Hashable], known: Mapping[int, int] = _NO_PAIRS
 ) -> dict[int, int]:
-    """Pair items of two lists by their keys; items with equal keys are paired in their order."""
-    waiting: dict[Hashable, list[int]] = {}
-    for j in reversed(second):
-        waiting.setdefault(key_b(j), []).append(j)
-    pairs = {}
-    for i in first:
-        found = waiting.get(key_a(i))
-        if found:
-            pairs[i] = found.pop()
+    """Pair items of two assets by their keys, behind known pairs; items with equal keys are paired in their order."""
+    taken, waiting = set(known.values()), dict[Hashable, list[int]]()
+    for j in reversed([*second]):
+        if j not in taken:
+            waiting.setdefault(second[j], []).append(j)
+    pairs = dict(known)
+    for i, key in first.items():
+        if i not in known and waiting.get(key):
+            pairs[i] = waiting[key].pop()
     return pairs
 
 
@@ -176,3 +177,12 @@ def without(items: Iterable[int], others: Iterable[Any]) -> list[int]:
     """The items that are not among the others."""
     known = set(others)
     return [each for each in items if each not in known]
+
+
+def only_in_one(
+    kind: str, names_a: Mapping[int, Any], names_b: Mapping[int, Any], pairs: Mapping[int, int]
+) -> Iterator[Difference]:
+    """Tell the objects of a kind that have no pair, by the names of those of each asset."""
+    for side, names, others in (("A", names_a, pairs.keys()), ("B", names_b, pairs.values())):
+        for index in without(names, others):
+            yield differ("structure", (kind, index), f"only in {side}", name=names[index])

@@ -21,6 +21,7 @@ from wrinklecli.review.diff.difference import (
     Place,
     Sides,
     differ,
+    only_in_one,
     pairs_by_key,
     without,
 )
@@ -116,18 +117,17 @@ class _Walk:
         documents = self.sides.a, self.sides.b
         for kind in _REFERRED:
             met = [key for key in self.met if key[0] == kind]
-            rest_a, rest_b = (
-                without(range(len(document.items(kind))), [key[1 + side] for key in met])
+            names_a, names_b = (
+                {
+                    index: document.items(kind)[index].get("name")
+                    for index in without(range(len(document.items(kind))), [key[1 + side] for key in met])
+                }
                 for side, document in enumerate(documents)
             )
-            names_a, names_b = ([each.get("name") for each in document.items(kind)] for document in documents)
-            pairs = pairs_by_key(rest_a, rest_b, names_a.__getitem__, names_b.__getitem__)
-            pairs |= dict(zip(without(rest_a, pairs), without(rest_b, pairs.values()), strict=False))
+            pairs = pairs_by_key(names_a, names_b)
+            pairs |= dict(zip(without(names_a, pairs), without(names_b, pairs.values()), strict=False))
             yield from self.follow(Link(kind, i, j, (kind, i)) for i, j in pairs.items())
-            for index in without(rest_a, pairs):
-                yield differ("structure", (kind, index), "only in A", name=names_a[index])
-            for index in without(rest_b, pairs.values()):
-                yield differ("structure", (kind, index), "only in B", name=names_b[index])
+            yield from only_in_one(kind, names_a, names_b, pairs)
 
 
 def _scene_differences(sides: Sides) -> Findings:

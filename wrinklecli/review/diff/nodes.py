@@ -70,15 +70,15 @@ class _Pairing:
             for i in pairs:
                 if names_a[i] != names_b[i]:
                     self._report_name(i, i)
-            rest_a, rest_b = ([index for index in level if index not in pairs] for level in (level_a, level_b))
-            pairs |= pairs_by_key(rest_a, rest_b, names_a.__getitem__, names_b.__getitem__)
-            paired = set(pairs.values())
-            rest_a = [i for i in level_a if i not in pairs and names_a[i] not in known_b]
-            rest_b = [j for j in level_b if j not in paired and names_b[j] not in known_a]
-            alike = pairs_by_key(rest_a, rest_b, lambda i: _features(nodes_a[i]), lambda j: _features(nodes_b[j]))
-            for i, j in alike.items():
-                self._report_name(i, j)
-                pairs[i] = j
+            named = pairs_by_key({i: names_a[i] for i in level_a}, {j: names_b[j] for j in level_b}, pairs)
+            pairs = pairs_by_key(
+                {i: _features(nodes_a[i]) for i in level_a if names_a[i] not in known_b},
+                {j: _features(nodes_b[j]) for j in level_b if names_b[j] not in known_a},
+                named,
+            )
+            for i, j in pairs.items():
+                if i not in named:
+                    self._report_name(i, j)
             self.nodes |= pairs
             self.taken |= set(pairs.values())
             stack += [(_children(a, i), _children(b, j)) for i, j in pairs.items()]

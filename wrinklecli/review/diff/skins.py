@@ -17,7 +17,6 @@ from wrinklecli.review.diff.difference import (
     Sides,
     differ,
     pairs_by_key,
-    without,
 )
 from wrinklecli.review.diff.values import count_that_differ, decoded, dict_differences, gaps, unreadable_differences
 
@@ -27,8 +26,7 @@ def joint_pairs(sides: Sides, i: int, j: int) -> dict[int, int]:
     first, second = (skin.get("joints", []) for skin in sides.items("skins", i, j))
     wanted = [sides.nodes.get(node, -1) for node in first]
     pairs = {number: number for number, both in enumerate(zip(wanted, second, strict=False)) if both[0] == both[1]}
-    rest_a, rest_b = without(range(len(first)), pairs), without(range(len(second)), pairs)
-    return pairs | pairs_by_key(rest_a, rest_b, wanted.__getitem__, second.__getitem__)
+    return pairs_by_key(dict(enumerate(wanted)), dict(enumerate(second)), pairs)
 
 
 def skin_differences(sides: Sides, i: int, j: int) -> Findings:
