@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Literal, TypeVar
 
 SHOWN = 40  # characters of a value that a message repeats
@@ -177,3 +177,8 @@ def nearest(name: str, names: Iterable[str]) -> str:
     short = [each for each in names if len(each) <= _LONGEST_NAME][:_MOST_NAMES]
     near = difflib.get_close_matches(name[:_LONGEST_NAME], short, 1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def unknown(what: str, name: str, names: Collection[str]) -> str:
+    """Write that nothing has a name, what is near, and what there is: `no clip 'bent'; …`."""
+    return f"{what} {name!r}{nearest(name, names)}; there are {listed(names)}"

@@ -7,13 +7,13 @@ from typing import Any, TypeAlias
 
 from wrinklecli.baking.original import original
 from wrinklecli.baking.parts import PARTS
-from wrinklecli.character.clip import Clip, chosen_clips, unknown_clip
+from wrinklecli.character.clip import Clip, chosen_clips
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.character.moved import Motions, moved
 from wrinklecli.character.scene import deforms, none_deforms
 from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.drive.drive import is_baked, wrinkle_entry
-from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest
+from wrinklecli.errors import BakeError, ConfigError, counted, listed, nearest, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
@@ -400,10 +400,7 @@ def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     names = [tool.name for tool in settings.effects]
     for name in options.only:
         if name not in names:
-            raise ConfigError(
-                f"no enabled tool is named {name!r}{nearest(name, names)}; there are {listed(names)}",
-                where=settings.path,
-            )
+            raise ConfigError(unknown("no enabled tool is named", name, names), where=settings.path)
     chosen = settings.only(options.only) if options.only else settings
     if not chosen.effects:
         raise ConfigError("no tool is enabled", where=settings.path)
@@ -434,7 +431,7 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
     problems: dict[str, ConfigError] = {}  # by their lines: a key that several tools inherit gets one line
 
     def refuse(name: str, where: str) -> None:
-        error = ConfigError(f"the asset has {unknown_clip(name, names)}", where=where)
+        error = ConfigError(unknown("the asset has no clip", name, names), where=where)
         problems.setdefault(str(error), error)
 
     for name in sampled:
@@ -443,7 +440,7 @@ def check_clip_names(settings: ToolsFile, sampled: Sequence[str], clips: tuple[C
     for tool in settings.effects:
         for name, keys in tool.named_clips:
             if name not in names and tool.optional:
-                warnings.append(f"{tool.name}: the asset has {unknown_clip(name, names)}")
+                warnings.append(unknown(f"{tool.name}: the asset has no clip", name, names))
             elif name not in names:
                 refuse(name, tool.place(*keys))
     if problems:

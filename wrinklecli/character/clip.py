@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, moving_nodes, stored_weights
-from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.errors import AssetError, BakeError, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Animated, Channels, target_count
 from wrinklecli.gltf.document import Document
@@ -288,16 +288,11 @@ def _joined_weights(parts: Sequence[tuple[Animated, Channel]], stored: Floats) -
     return Channel(first.index, first.node, "weights", times, whole, kind)
 
 
-def unknown_clip(name: str, names: Sequence[str]) -> str:
-    """Words for a message: no clip has a name, and these are the names."""
-    return f"no clip {name!r}{nearest(name, names)}; there are {listed(names)}"
-
-
 def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
     """Find the clip of a name, or raise AssetError; `where` is the asset's path."""
     names = [clip.name for clip in clips]
     if name not in names:
-        raise AssetError(f"has {unknown_clip(name, names)}", where=where)
+        raise AssetError(unknown("has no clip", name, names), where=where)
     return clips[names.index(name)]
 
 

@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.character.joined import with_clips, with_free_nodes
 from wrinklecli.character.motion import raising, turned_axis, turning
 from wrinklecli.character.rig import LARGEST, Rig, read_hierarchy, read_rig
-from wrinklecli.errors import AssetError, listed, nearest
+from wrinklecli.errors import AssetError, unknown
 from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats, unit_quaternions
 
@@ -63,8 +63,7 @@ def _joint(document: Document, name: str) -> int:
     found = named.joint(name)
     if found is None:
         known = _joint_names(named)
-        message = f"has no joint {name!r}{nearest(name, known)}; there are {listed(known)}"
-        raise AssetError(message, where=document.path)
+        raise AssetError(unknown("has no joint", name, known), where=document.path)
     return found
 
 
@@ -108,8 +107,7 @@ def _raised(document: Document, weights: Mapping[str, float]) -> list[Channel]:
     known = dict.fromkeys(name for rig in rigs for name in rig.morph_names)
     for name in weights:
         if name not in known:
-            message = f"has no morph target {name!r}{nearest(name, known)}; there are {listed(known)}"
-            raise AssetError(message, where=document.path)
+            raise AssetError(unknown("has no morph target", name, known), where=document.path)
     channels = []
     for rig in rigs:
         numbers = {number: weights[name] for number, name in enumerate(rig.morph_names) if name in weights}

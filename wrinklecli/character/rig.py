@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from wrinklecli.errors import AssetError
+from wrinklecli.errors import AssetError, BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import has_target_names, target_count
 from wrinklecli.gltf.document import Document
@@ -114,6 +114,17 @@ class Rig(Hierarchy):
         for node, number in numbers.items():
             below[[numbers[above] for above in self.upwards(node) if above in numbers], number] = True
         return below
+
+    def morph_number(self, name: str, *, where: str) -> int:
+        """The number of the morph target of a name that a tool asks for at a place of its file.
+
+        Raises:
+            BakeError: The mesh has none.
+        """
+        if name not in self.morph_names:
+            known = f"{nearest(name, self.morph_names)}; it has {listed(self.morph_names)}"
+            raise BakeError(f"the mesh has no morph target {name!r}{known}", where=where)
+        return self.morph_names.index(name)
 
     @property
     def own(self) -> "Rig":

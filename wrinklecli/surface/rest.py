@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip, unknown_clip
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import LEAST_SCALE, Pose, blend, joint_matrices, morph_weights, node_matrices, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import orientations
 from wrinklecli.character.surface import Surface
-from wrinklecli.errors import BakeError, ConfigError, listed, nearest
+from wrinklecli.errors import BakeError, ConfigError, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, VertexFaces, determinants, inverses, median, unit, vertex_normals
 from wrinklecli.numeric.closest import closest_point
@@ -109,7 +109,7 @@ def rest_pose(
     if not isinstance(settings.rest, str):
         clip = next((each for each in clips if each.name == settings.rest.clip), None)
         if clip is None:
-            message = f"the asset has {unknown_clip(settings.rest.clip, [each.name for each in clips])}"
+            message = unknown("the asset has no clip", settings.rest.clip, [each.name for each in clips])
             raise ConfigError(message, where=settings.place("rest", "clip"))
         time = np.array([settings.rest.time])
     weights = morph_weights(rig, clip, time)[0]
@@ -211,7 +211,7 @@ def named_node(rig: Rig, tool: EffectTool, number: int) -> int:
     key, wanted = ("joint", point.joint) if isinstance(point, JointPoint) else ("marker", point.marker)
     found = [index for index, name in enumerate(rig.names) if name == wanted]
     if len(found) != 1:
-        fault = f"no node is named {wanted!r}{nearest(wanted, rig.names)}; there are {listed(rig.names)}"
+        fault = unknown("no node is named", wanted, rig.names)
         if found:
             fault = f"{len(found)} nodes are named {wanted!r}"
         raise BakeError(fault, where=tool.place_of(number, key))

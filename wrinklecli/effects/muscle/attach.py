@@ -15,7 +15,7 @@ from wrinklecli.drive.segment import RestLength, Segment, Tension
 from wrinklecli.effects.attached import Attached, Moves
 from wrinklecli.effects.muscle.shapes import Belly, Skin, bell, displaced, spindle, travelling
 from wrinklecli.effects.muscle.volume import ACTIVATION, FULLEST, SHORTEST, ConstantVolume
-from wrinklecli.errors import BakeError, listed, nearest
+from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, unit
 from wrinklecli.surface.anchor import LEAST_SPAN
@@ -296,11 +296,6 @@ def _tension(muscle: Muscle, length: float, rig: Rig) -> Tension | None:
     if isinstance(wanted, ActivationKeys):
         return Tension(length, {clip: np.array(keys, np.float64) for clip, keys in wanted.keys.items()})
     if isinstance(wanted, ActivationMorph):
-        names = rig.own.morph_names
-        if wanted.morph not in names:
-            raise BakeError(
-                f"the mesh has no morph target {wanted.morph!r}{nearest(wanted.morph, names)}; it has {listed(names)}",
-                where=muscle.place("activation", "morph"),
-            )
-        return Tension(length, morph=names.index(wanted.morph))
+        number = rig.own.morph_number(wanted.morph, where=muscle.place("activation", "morph"))
+        return Tension(length, morph=number)
     return None

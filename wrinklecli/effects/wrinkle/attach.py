@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip, unknown_clip
+from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.character.surface import Surface
 from wrinklecli.drive.segment import RestLength, Segment
@@ -25,7 +25,7 @@ from wrinklecli.effects.wrinkle.curve import ControlCurve, plan_curve
 from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch, Reach
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
-from wrinklecli.errors import BakeError, listed, nearest
+from wrinklecli.errors import BakeError, unknown
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, unit
 from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.edges import Edges
@@ -62,12 +62,8 @@ def attach_tools(
 
 
 def _attach(tool: WrinkleTool, surface: Surface, rest: Rest, rig: Rig, up: str) -> Patch:
-    if isinstance(tool.rest_length, RestLengthMorph) and tool.rest_length.morph not in rig.morph_names:
-        raise BakeError(
-            f"the mesh has no morph target {tool.rest_length.morph!r}{nearest(tool.rest_length.morph, rig.morph_names)}"
-            f"; it has {listed(rig.morph_names)}",
-            where=tool.place("rest_length", "morph"),
-        )
+    if isinstance(tool.rest_length, RestLengthMorph):
+        rig.morph_number(tool.rest_length.morph, where=tool.place("rest_length", "morph"))
     asked = asked_positions(rig, rest, tool)
     anchors = tuple(
         anchor_at(tool, number, asked, surface=surface, rest=rest, rig=rig, up=up, snap=tool.snap)
@@ -139,7 +135,7 @@ def _wanted_pose(patch: Patch, surface: Surface, rest: Rest, rig: Rig, clips: Se
         if clip is not None:
             return clip_pose(rest, surface, rig, clip, tool.laid.time)
         if not tool.optional:
-            message = f"the asset has {unknown_clip(tool.laid.clip, [each.name for each in clips])}"
+            message = unknown("the asset has no clip", tool.laid.clip, [each.name for each in clips])
             raise BakeError(message, where=tool.place("laid", "clip"))
     # Keys that raise a tool by hand say nothing of a morph target.
     elif tool.laid == "raised" or (tool.laid == "auto" and not isinstance(tool.rest_length, RestLengthKeys)):
