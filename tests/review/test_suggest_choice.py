@@ -59,7 +59,7 @@ def suggested(folder: Path, asset: Asset, **options: Any) -> Suggestions:
         ("Std_Eye_Occlusion_L", "hard"),
         ("Fingernails", "hard"),
         ("yoga-pants", "cloth"),
-        ("Boy_Bag_mat", "leather"),
+        ("Boy_Bag_mat", "hard"),
         ("靴下", "cloth"),
         ("左目", "hard"),
         ("体_肌", "skin"),

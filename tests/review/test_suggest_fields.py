@@ -179,6 +179,10 @@ def test_a_field_on_a_whole_mesh_leaves_no_tools_where_a_seam_looks_like_skin(tm
     [
         (dressed(limb_asset(**SIZE), pbrMetallicRoughness={"baseColorFactor": [0.1, 0.2, 0.6, 1]}), "a plain colour"),
         (named(dressed(limb_asset(**SIZE), name="Jeans"), "LeftFoot", "LeftToes"), "a shoe"),
+        (
+            dressed(limb_asset(**SIZE), name="Backpack", image=characters.denim(64)),
+            "a bag, though it is as blue as jeans",
+        ),
         (dressed(limb_asset(**SIZE, normals=False), name="Jeans"), "faceted"),
         (dressed(limb_asset(**SIZE), name="Steel"), "metal"),
         (named(dressed(limb_asset(**SIZE), name="Jeans"), "Head", "Lock"), "hair, which moves with the head"),
