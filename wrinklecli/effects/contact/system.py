@@ -27,7 +27,7 @@ from wrinklecli.numeric.closest import meets_box
 _CROSSING_POSES = 8
 # Moments of a clip at which folds are checked for touching each other, at most.
 _MOMENTS = 8
-# Times that a fold grows by what its vertices cross in clips, at most: each lets others move, which may cross too.
+# Times that what its vertices cross in clips is added to a fold, at most: each lets others move, which may cross too.
 _GROWTHS = 3
 # Moments of a clip among which the turn of a joint is looked for that is furthest.
 _LOOKS = 65
@@ -145,16 +145,29 @@ def with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
     sweeps = [(clip, np.linspace(0.0, 1.0, _CROSSING_POSES)[1:]) for clip, _ in fold.hinge.sweeps]
     looks = [(clip, _moments(fold, clip)) for clip in clips]
     fold = replace(fold, crossed=_crossing_in(fold, sweeps, fold.own))
-    for _ in range(_GROWTHS):
-        count = len(fold.vertices)
-        counting = fold.vertices[(fold.near | fold.raised)[:count]]
-        alone = replace(fold, others=(), triangles=fold.triangles[fold.triangles[:, 0] < count], own=fold.own[:count])
-        wide = _coming_near(grown(alone, fold.vertices, REACH_RADII * fold.radius), counting, looks)
-        found = wide.vertices[_crossing_in(wide, looks, np.isin(wide.vertices, counting))]
-        if np.isin(found, fold.vertices[fold.crossed[:count]]).all():
-            break
-        fold = grown(fold, found, FREE * SOFT * fold.radius / UNITS).crossing_also(found)
-    return fold
+    count = len(fold.vertices)
+    alone = replace(fold, triangles=fold.triangles[fold.triangles[:, 0] < count], others=())
+    alone = replace(alone, own=fold.own[:count], crossed=fold.crossed[:count])
+    wide = grown(alone, fold.vertices, REACH_RADII * fold.radius)
+
+    def meeting(poses: Poses) -> Ints:
+        """(vertices,) 1 for those of the surroundings that cross in some of its poses what the fold may move."""
+        placed = [positions for positions, _ in poses]
+        found, counted = np.zeros((2, len(wide.vertices)), bool)
+        for _ in range(_GROWTHS):
+            fresh = (replace(wide, crossed=wide.crossed | found).near | wide.raised) & ~counted
+            part = wide.part(_coming_near(placed, wide.triangles, fresh))
+            rows = np.searchsorted(wide.vertices, part.vertices)
+            crossing = rows[_crossing_in(part, looks, fresh[rows])]
+            if (wide.crossed | found)[crossing].all():
+                break
+            found[crossing] = True
+            counted |= fresh
+        return found.astype(np.intp)
+
+    inputs = (wide.crossed, wide.raised, [fold.radius])
+    found = wide.vertices[wide.searched(looks, len(wide.vertices), meeting, *inputs) > 0]
+    return grown(fold, found, FREE * SOFT * fold.radius / UNITS).crossing_also(found)
 
 
 def _crossing_in(fold: Fold, looks: Sequence[Look], counting: Bools) -> Bools:
@@ -169,22 +182,16 @@ def _crossing_in(fold: Fold, looks: Sequence[Look], counting: Bools) -> Bools:
     return np.asarray(fold.searched(looks, len(counting), crossing, counting) > 0)
 
 
-def _coming_near(fold: Fold, chosen: Ints, looks: Sequence[Look]) -> Fold:
-    """The part of a fold that comes near its triangles with chosen fine vertices at seconds of some motions, by boxes.
+def _coming_near(placed: Sequence[Floats], triangles: Ints, chosen: Bools) -> Bools:
+    """(triangles,) True for those that come near triangles with chosen (vertices,) in some poses, by boxes.
 
-    Nothing else can cross these, so what is searched for does not depend on it.
+    Nothing else can cross these, so what is searched for does not depend on it. `placed` are (vertices, 3) positions.
     """
-    touched = np.asarray(np.isin(fold.vertices, chosen)[fold.triangles].any(axis=1))
-
-    rows = distinct_values(fold.triangles[touched].ravel())
-
-    def coming(poses: Poses) -> Ints:
-        near: Ints = touched.astype(np.intp)
-        for positions, _ in poses:
-            near |= meets_box(positions, positions[rows].min(axis=0), positions[rows].max(axis=0), fold.triangles)
-        return near
-
-    return fold.part(fold.searched(looks, len(touched), coming, touched) > 0)
+    touched = chosen[triangles].any(axis=1)
+    rows, near = distinct_values(triangles[touched].ravel()), touched.copy()
+    for positions in placed if len(rows) else ():
+        near |= meets_box(positions, positions[rows].min(axis=0), positions[rows].max(axis=0), triangles)
+    return np.asarray(near)
 
 
 def _moments(fold: Fold, clip: Clip) -> Floats:
