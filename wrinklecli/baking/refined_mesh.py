@@ -41,7 +41,7 @@ class RefinedPrimitive:
         shares: (new vertices, 3) factors on the sources, summing to 1.
         weld: (vertices,) fine welded vertex of each, old ones first.
         triangles: (triangles, 3) of this primitive, local vertices.
-        changed: True if a triangle was split.
+        changed: True if triangles are not those of the file.
     """
 
     index: int
@@ -126,7 +126,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
         local = np.zeros(old_count + len(fine.primitives), np.intp)
         local[old] = np.arange(len(old))
         local[old_count + new] = len(old) + np.arange(len(new))
-        faces = parents == index
+        corners, stored = fine.corners[parents == index], fine.surface.corners[fine.surface.primitives == index]
         refined_primitives.append(
             RefinedPrimitive(
                 index=index,
@@ -137,8 +137,8 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
                 sources=np.where(fine.shares[new] != 0, fine.sources[new] - starts[fine.primitives[new], None], 0),
                 shares=fine.shares[new],
                 weld=np.concatenate([fine.weld[old], fine.weld[old_count + new]]),
-                triangles=local[fine.corners[faces]],
-                changed=np.count_nonzero(faces) != np.count_nonzero(fine.surface.primitives == index),
+                triangles=local[corners],
+                changed=not np.array_equal(corners, stored),
             )
         )
     return refined_primitives

@@ -61,11 +61,10 @@ class Cluster:
         """Show other tools on the same triangles, and keep those that are shown, so that faces stay."""
         fine, every = self.plan.fine, tuple(parts)
         moved = np.zeros(len(fine.positions), bool)
-        moved[self.old_count :] = True
         for part in every:
             moved[part.vertices] = True
         changed = fine.subdivision.parents[any_of(moved, fine.triangles)]
-        parents = distinct_values(np.concatenate([self.parents, changed]))
+        parents = distinct_values(np.concatenate([self.parents, changed, fine.replaced]))
         triangles = children(fine.subdivision.parents, parents)
         return replace(self, parts=every, parents=parents, triangles=triangles)
 

@@ -8,6 +8,7 @@ become one mesh: invisible splits are undone, and the others split coarse faces 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Literal
 
@@ -75,6 +76,21 @@ class Subdivision:
         among_leaves, leaves = matches(faces, self.leaves)
         found[among_leaves] = self.leaf_barycentrics[leaves]
         return found
+
+    def reduced(self, triangles: Ints, faces: Ints, vertices: Ints) -> Subdivision:
+        """The mesh of some of the vertices, (V'',) sorted ones; (F'', 3) triangles replace (F'',) sorted ones."""
+        places, leaves = matches(faces, self.leaves)
+        matrix, linear = (each and each.chosen(vertices) for each in (self.matrix, self.linear))
+        return replace(
+            self,
+            triangles=triangles,
+            parents=self.parents[faces],
+            leaves=places,
+            leaf_barycentrics=self.leaf_barycentrics[leaves],
+            vertex_count=len(vertices),
+            matrix=matrix,
+            linear=linear,
+        )
 
     def positions(self, coarse: Floats) -> Floats:
         """(..., V, C) coarse values → (..., V', C) by the scheme's stencils; the first V are the same bits."""

@@ -35,6 +35,7 @@ from wrinklecli.numeric.arrays import (
     unit,
     vertex_normals,
 )
+from wrinklecli.numeric.collapses import collapse_edges
 from wrinklecli.numeric.edges import turn_diagonals
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.numeric.red_green import Level
@@ -208,6 +209,13 @@ class Refinement:
         """(triangles,) the primitive of each triangle."""
         return self.surface.primitives[self.subdivision.parents]
 
+    @property
+    def replaced(self) -> Ints:
+        """(triangles,) sorted coarse triangles that others replace."""
+        parents = self.subdivision.parents
+        same = ~self.subdivision.changed & (self.triangles == self.surface.triangles[parents]).all(axis=1)
+        return np.flatnonzero(~flags_of(parents[same], len(self.surface.triangles)))
+
     def dense_weights(self, vertices: Ints, joint_count: int) -> Floats:
         """(vertices, joints) skin weights before pruning."""
         old = len(self.surface.positions)
@@ -298,30 +306,33 @@ def refine(
         full=settings.scheme == "butterfly_full",
     )
     bind = placed.positions + np.tensordot(rest.morph_weights, placed.morph_deltas, axes=1)
-    old = len(surface.positions)
+    old, old_corners = len(surface.positions), len(surface.weld)
+    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
+    rest_positions = np.concatenate([rest.positions, transform(blended[None], bind[old:])[0]])
+    corners, faces = _simplified(surface, subdivision, corners, weld, rest_positions, regions, settings)
+    used, corners = _renumbered(corners, old_corners, len(weld))
+    vertices, weld = _renumbered(weld[used], old, len(bind))
+    subdivision = subdivision.reduced(weld[corners], faces, vertices)
     weights, acting = _new_weights(surface, subdivision, len(rig.joints))
     joints_pruned, weights_pruned = prune(weights, joint_distances(rig, regions, acting), influences)
     joints_pruned = np.where(weights_pruned > 0, np.append(acting, 0)[joints_pruned], 0)
-    corners, sources, shares, primitives, weld = _split_corners(surface, subdivision)
-    rest_positions = np.concatenate([rest.positions, transform(blended[None], bind[old:])[0]])
-    corners = _turned(subdivision, corners, weld, rest_positions, regions)
-    subdivision = replace(subdivision, triangles=weld[corners])
+    of_new = used[old_corners:] - old_corners
     faceted = hard.faceted & (settings.scheme == "butterfly")
     return Refinement(
         surface=surface,
         rest=rest,
         subdivision=subdivision,
-        positions=placed.positions,
-        morph_deltas=placed.morph_deltas,
-        bind_positions=bind,
-        rest_positions=rest_positions,
+        positions=placed.positions[vertices],
+        morph_deltas=placed.morph_deltas[:, vertices],
+        bind_positions=bind[vertices],
+        rest_positions=rest_positions[vertices],
         weights=Influences.of(weights, acting, len(rig.joints)),
         joints_pruned=joints_pruned,
         weights_pruned=weights_pruned,
         corners=corners,
-        sources=sources,
-        shares=shares,
-        primitives=primitives,
+        sources=sources[of_new],
+        shares=shares[of_new],
+        primitives=primitives[of_new],
         weld=weld,
         schemes=tuple("midpoint" if each else settings.scheme for each in faceted),
         hard_shares=hard.shares,
@@ -329,32 +340,65 @@ def refine(
     )
 
 
-def _turned(subdivision: Subdivision, corners: Ints, weld: Ints, places: Floats, regions: Sequence[Region]) -> Ints:
-    """(triangles, 3) corners, where edges of split triangles run along the crests of the only region that has them.
+def _simplified(
+    surface: Surface,
+    subdivision: Subdivision,
+    corners: Ints,
+    weld: Ints,
+    places: Floats,
+    regions: Sequence[Region],
+    settings: RefinementSettings,
+) -> tuple[Ints, Ints]:
+    """Take new vertices out that no edge needs, and turn edges along crests, where only one region has split triangles.
 
     Args:
+        surface: The coarse mesh.
         subdivision: The refined mesh.
         corners: (triangles, 3) glTF vertices.
         weld: (glTF vertices,) their vertices.
         places: (vertices, 3) at rest, world space.
         regions: All regions; some say how long edges are for them.
+        settings: How long they may be.
+
+    Returns:
+        (left, 3) corners, and the (left,) sorted triangles that they replace.
     """
-    found, owners = corners.copy(), np.zeros(len(corners), np.intp)
-    members = [children(subdivision.parents, each.members) for each in regions]
-    for own in members:
-        owners[own] += 1
-    for region, own in zip(regions, members, strict=True):
+    faces, owners = np.arange(len(corners)), np.zeros(len(corners), np.intp)
+    for region in regions:
+        owners[children(subdivision.parents, region.members)] += 1
+    is_new = (np.bincount(weld)[weld] == 1) & (weld >= len(surface.positions))
+    for region in regions:
         steps = region.steps(subdivision)
-        if steps is not None:
-            free = own[(owners[own] == 1) & subdivision.changed[own]]
-            lengths = partial(_of_corners, steps, weld)
-            found[free] = turn_diagonals(found[free], places[weld], lengths, _LEAST_SHOWN * region.greatest_height)
-    return found
+        if steps is None:
+            continue
+        lengths = partial(_of_corners, steps, weld, _greatest_step(region, settings))
+        tolerance = _LEAST_SHOWN * region.greatest_height
+        free = np.zeros(len(subdivision.parents), np.bool_)
+        free[children(subdivision.parents, region.members)] = True
+        free &= (owners == 1) & subdivision.changed
+        corners = corners.copy()
+        corners[free[faces]] = turn_diagonals(corners[free[faces]], places[weld], lengths, tolerance)
+        beside = flags_of(corners[~free[faces]].ravel(), len(weld))
+        corners, left = collapse_edges(corners, weld, places[weld], lengths, is_new & ~beside, tolerance)
+        faces = faces[left]
+        corners[free[faces]] = turn_diagonals(corners[free[faces]], places[weld], lengths, tolerance)
+    return corners, faces
 
 
-def _of_corners(steps: Steps, weld: Ints, ends: Ints) -> Floats:
-    """(edges,) steps of edges with (edges, 2) glTF vertices."""
-    return steps(weld[ends])
+def _of_corners(steps: Steps, weld: Ints, greatest: float, ends: Ints) -> Floats:
+    """(edges,) steps of edges with (edges, 2) glTF vertices, over the greatest one that they may have."""
+    return steps(weld[ends]) / greatest
+
+
+def _renumbered(members: Ints, old: int, count: int) -> tuple[Ints, Ints]:
+    """Leave out what is no member of so many vertices, of which the `old` first ones stay.
+
+    Returns:
+        (left,) sorted vertices, and the members by their numbers among these.
+    """
+    left = flags_of(members, count)
+    left[:old] = True
+    return np.flatnonzero(left), (np.cumsum(left) - 1)[members]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.field.material import FABRICS
 from wrinklecli.effects.plan import skin_parts
 from wrinklecli.numeric.arrays import Floats, face_normals
+from wrinklecli.numeric.edges import Edges
+from wrinklecli.surface import refine
+from wrinklecli.surface.refine import Refinement
 
 # Along the inner side of the bend.
 ENDS = {"origin": [-0.15, RADIUS, 0.0], "target": [0.15, RADIUS, 0.0]}
@@ -192,3 +196,38 @@ def test_a_strength_is_a_factor_of_weights_and_no_shape() -> None:
         assert weights[0].max() > 0.9
         assert weights[1] == pytest.approx(factor * weights[0])
         assert not weights[0][0].any()
+
+
+@pytest.mark.parametrize("options", [{}, {"primitives": 2}, {"seam": False}], ids=str)
+def test_a_mesh_has_no_vertex_that_no_edge_of_a_field_needs(
+    options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is left is as it was, rows of the matrix and corners of seams alike, and no gap opens."""
+    keys = {"refinement": {"scheme": "midpoint"}, "fields": [{"name": "folds", "wavelength": 0.1}]}
+    fine = planned(tube(**options), levels=3, **keys).fine
+    monkeypatch.setattr(refine, "collapse_edges", lambda triangles, *_: (triangles, np.arange(len(triangles))))
+    every = planned(tube(**options), levels=3, **keys).fine
+    assert len(fine.positions) < 0.8 * len(every.positions)
+    assert {each.tobytes() for each in fine.positions} < {each.tobytes() for each in every.positions}
+    assert fine.subdivision.interpolate(fine.surface.positions) == pytest.approx(fine.positions, abs=1e-15)
+    old = len(fine.surface.weld)
+    mixed = np.einsum("vk,vkc->vc", fine.shares, fine.positions[fine.weld][fine.sources])
+    assert mixed == pytest.approx(fine.positions[fine.weld[old:]], abs=1e-15)
+    assert np.array_equal(fine.weld[fine.corners], fine.triangles)
+    assert np.array_equal(np.unique(fine.corners), np.arange(len(fine.weld)))
+    borders = [positions_at_borders(each) for each in (fine, every)]
+    assert np.array_equal(*borders)
+    assert (
+        fine.weights_pruned.shape[0]
+        == fine.weights.dense().shape[1]
+        == len(fine.positions) - len(fine.surface.positions)
+    )
+
+
+def positions_at_borders(fine: Refinement) -> Floats:
+    """(edges, 2, 3) the edges of one face, in an order of their own; there are none of more than two."""
+    edges = Edges.of(fine.triangles)
+    assert edges.counts.max() <= 2
+    found = fine.positions[edges.vertices[edges.counts == 1]]
+    found = np.stack([each[np.lexsort(each.T)] for each in found])
+    return np.asarray(found[np.lexsort(found.reshape(-1, 6).T)])

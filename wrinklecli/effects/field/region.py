@@ -6,7 +6,7 @@ import numpy as np
 
 from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, dot, unit
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.red_green import Level
 from wrinklecli.numeric.subdivide import Subdivision
@@ -48,9 +48,10 @@ class FieldRegion(Region):
     irregular: Irregular
     tree: Tree
 
-    # Five edges a wave at most. With four, files are a third smaller, but narrow crests get teeth: in nine of ten pairs
-    # of pictures, a judge who knew of neither preferred five.
-    intervals: ClassVar[float] = 1.25
+    # Six edges a wave at most, where heights are steep. With four, narrow crests get teeth: in nine of ten pairs of
+    # pictures, a judge who knew of neither preferred five. Six, of which the needless are taken out, are fewer vertices
+    # than five were with all.
+    intervals: ClassVar[float] = 1.5
 
     @property
     def span(self) -> float:
@@ -93,7 +94,7 @@ class FieldRegion(Region):
 
         count = int(mesh.triangles.max(initial=-1)) + 1
         # Edges that are turned again and again have the same ends. Two families of crests have lines, waves and steeps.
-        known, known_places, known_crests = np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((2, count, 5))
+        known, known_places, known_crests = np.zeros(count, np.bool_), np.zeros((3, count)), np.zeros((5, 2, count))
 
         def found(ends: Ints) -> Floats:
             new = distinct_values(ends[~known[ends]])
@@ -102,16 +103,17 @@ class FieldRegion(Region):
             )
             lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions, slants[:, 0])
             steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
-            waves = wavelengths[:, 0] * longer
-            known_places[new], known[new] = places, True
-            known_crests[:, new] = np.concatenate([lines, waves[..., None], steep[..., None]], axis=2)
-            way = known_places[ends[:, 1]] - known_places[ends[:, 0]]
-            lines, waves, steep = np.split(known_crests[:, ends], [3, 4], axis=3)
+            known_places[:, new], known[new] = places.T, True
+            known_crests[:3, :, new] = np.moveaxis(lines, 2, 0)
+            known_crests[3, :, new], known_crests[4, :, new] = (wavelengths[:, 0] * longer).T, steep.T
+            # Coordinate by coordinate, as numpy is slow to reduce rows of two or three.
+            one, other = np.moveaxis(known_crests[:, :, ends.T], 2, 0)
+            way = known_places[:, ends[:, 1]] - known_places[:, ends[:, 0]]
             # The part across the crests of each family, and a share of the whole.
-            across = np.mean(np.einsum("ei,feki->fek", way, lines) ** 2, axis=2)
-            length = np.sqrt(np.maximum(across, np.sum(way**2, axis=1) / _SLENDER**2) * steep.max(axis=(2, 3)))
-            waves = 2.0 * length / waves.mean(axis=(2, 3))
+            across = (dot(way, one[:3]) ** 2 + dot(way, other[:3]) ** 2) / 2.0
+            length = np.sqrt(np.maximum(across, dot(way, way) / _SLENDER**2) * np.maximum(one[4], other[4]))
+            first, second = 4.0 * length / (one[3] + other[3])
             # At a place one of both families is the higher.
-            return np.asarray(np.sqrt(np.mean(waves**2, axis=0)))
+            return np.asarray(np.sqrt((first**2 + second**2) / 2.0))
 
         return found
