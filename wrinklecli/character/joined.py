@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import TINY, Floats, affine_rows, determinants
+from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
 
 # Greatest difference, relative to a matrix's largest number, between it and the product of its decomposition.
 _SHEARED = 1e-6
@@ -67,30 +67,18 @@ def with_free_nodes(document: Document, nodes: Collection[int]) -> Document:
 
 def _parts(matrix: Floats) -> dict[str, Any] | None:
     """Translation, rotation and scale of a (4, 4) matrix; None if it shears or is singular."""
+    from scipy.spatial.transform import Rotation  # few nodes have a matrix
+
     scale = np.sqrt(np.sum(matrix[:3, :3] ** 2, axis=0))
     if not scale.min() > 0:
         return None
     scale[0] *= -1.0 if determinants(matrix[:3, :3]) < 0 else 1.0
-    rotation = _quaternion(matrix[:3, :3] / scale)
+    try:
+        rotation = Rotation.from_matrix(matrix[:3, :3] / scale).as_quat()
+    except ValueError:  # no positive determinant
+        return None
     again = affine_rows(matrix[:3, 3, None], rotation[:, None], scale[:, None])[..., 0]
     if not np.abs(again - matrix[:3]).max() <= _SHEARED * np.abs(matrix).max():
         return None
     parts = {"translation": matrix[:3, 3], "rotation": rotation, "scale": scale}
     return {key: [float(value) for value in values] for key, values in parts.items()}
-
-
-def _quaternion(matrix: Floats) -> Floats:
-    """(4,) quaternion x, y, z and w of a (3, 3) rotation matrix.
-
-    Source: S. W. Shepperd, Quaternion from Rotation Matrix, Journal of Guidance and Control 1(3), 1978.
-    """
-    (a, b, c), (d, e, f), (g, h, i) = matrix
-    squares = np.array([1 + a - e - i, 1 - a + e - i, 1 - a - e + i, 1 + a + e + i])
-    largest = int(squares.argmax())
-    mixed = [
-        [squares[0], b + d, c + g, h - f],
-        [b + d, squares[1], f + h, c - g],
-        [c + g, f + h, squares[2], d - b],
-        [h - f, c - g, d - b, squares[3]],
-    ]
-    return np.asarray(np.array(mixed[largest]) / (2.0 * np.sqrt(max(float(squares[largest]), TINY))))
