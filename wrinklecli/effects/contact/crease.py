@@ -200,14 +200,13 @@ class Crease:
         `moves` are those of this fold, and of others that add to these.
         """
         scale, fold, moments = UNITS / self.fold.radius, self.fold, times[frames]
-        moved = replace(fold, movers=(*fold.movers, *moves))
 
         def torn(poses: Poses) -> Ints:
             both = zip(poses, fold.poses(clip, moments), strict=False)
             return np.array([fold.tissue.tears(scale * given, scale * shown) for (shown, _), (given, _) in both], int)
 
         inputs = (fold.own, fold.crossed, fold.border, [fold.radius])
-        return {*frames[moved.searched([(clip, moments)], len(frames), torn, *inputs) > 0].tolist()}
+        return {*frames[fold.searched([(clip, moments)], len(frames), torn, *inputs, moves=moves) > 0].tolist()}
 
     def moves(self, followed: "Followed") -> Moves:
         """The moves in a clip."""
@@ -274,9 +273,9 @@ class Crease:
 
     def _lengths(self, weights: Floats) -> Floats:
         """(frames,) greatest moves of a vertex, bind units, under (frames, shapes) weights."""
-        parts = portions(len(weights), self.shapes[0].size if len(self.shapes) else 1)
-        moves = (np.tensordot(weights[part], self.shapes, axes=1) for part in parts)
-        squares = [np.einsum("fvi,fvi->fv", each, each) for each in moves]
+        axes = np.moveaxis(self.shapes, 2, 0)
+        parts = portions(len(weights), axes[0].size)
+        squares = [np.sum([(weights[part] @ axis) ** 2 for axis in axes], axis=0) for part in parts]
         return np.asarray(np.sqrt(np.concatenate([np.zeros(0), *(each.max(axis=1, initial=0.0) for each in squares)])))
 
     def _looked_up(self, clip: Clip, times: Floats) -> Floats:

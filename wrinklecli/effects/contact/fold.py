@@ -257,21 +257,25 @@ class Fold:
         _, here, there = np.intersect1d(self.vertices, vertices, assume_unique=True, return_indices=True)
         return here, there
 
-    def posed(self, clip: Clip | None, times: Floats, known: Sequence[Floats] = ()) -> tuple[Floats, Floats]:
+    def posed(
+        self, clip: Clip | None, times: Floats, known: Sequence[Floats] = (), moves: Sequence[Mover] = ()
+    ) -> tuple[Floats, Floats]:
         """Pose the wrinkled surface at (frames,) seconds of a clip, whose `_amplitudes` may be known.
+
+        Other `moves` add to those of `movers`.
 
         Returns:
             (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
             the vertices of other meshes.
         """
         amplitudes = known or self._amplitudes(clip, times)
-        moves = np.zeros((len(times), len(self.vertices), 3))
+        offsets = np.zeros((len(times), len(self.vertices), 3))
         for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
-            moves[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
-        for each in self.movers:
+            offsets[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
+        for each in (*self.movers, *moves):
             here, there = self.shared_with(each.vertices)
-            moves[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
-        every = [self.mesh.carried(clip, times, moves), *(each.carried(clip, times) for each in self.others)]
+            offsets[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
+        every = [self.mesh.carried(clip, times, offsets), *(each.carried(clip, times) for each in self.others)]
         return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
 
     def _amplitudes(self, clip: Clip | None, times: Floats) -> list[Floats]:
@@ -293,13 +297,13 @@ class Fold:
         ]
         return replace(self, carried=tuple(carried))
 
-    def poses(self, clip: Clip | None, times: Floats) -> Iterator[tuple[Floats, Floats]]:
+    def poses(self, clip: Clip | None, times: Floats, moves: Sequence[Mover] = ()) -> Iterator[tuple[Floats, Floats]]:
         """`posed` frame by frame."""
         amplitudes = self._amplitudes(clip, times)
         for part in portions(len(times), 8 * len(self.vertices)):
-            yield from zip(*self.posed(clip, times[part], [each[part] for each in amplitudes]), strict=True)
+            yield from zip(*self.posed(clip, times[part], [each[part] for each in amplitudes], moves), strict=True)
 
-    def inputs(self, clip: Clip | None, times: Floats) -> Iterator[Any]:
+    def inputs(self, clip: Clip | None, times: Floats, moves: Sequence[Mover] = ()) -> Iterator[Any]:
         """The arrays on which `poses` depends, and on nothing else; to pose takes ten times as long."""
         for each in (self.mesh, *self.others):
             yield from each.inputs(clip, times)
@@ -310,11 +314,18 @@ class Fold:
                 yield carried.directions[there]
             else:
                 yield displacements(carried, self.fine, self.rig, clip, times, amplitudes)[:, there]
-        for mover in self.movers:
+        for mover in (*self.movers, *moves):
             here, there = self.shared_with(mover.vertices)
             yield from (here, mover.displacements(self.fine, self.rig, clip, times)[:, there])
 
-    def searched(self, looks: Sequence[Look], count: int, search: Callable[[Poses], Ints], *inputs: Any) -> Ints:
+    def searched(
+        self,
+        looks: Sequence[Look],
+        count: int,
+        search: Callable[[Poses], Ints],
+        *inputs: Any,
+        moves: Sequence[Mover] = (),
+    ) -> Ints:
         """(count,) numbers that a search finds in the fold's poses, from where they are kept by what it depends on.
 
         Args:
@@ -322,10 +333,11 @@ class Fold:
             count: Number of what is found.
             search: Finds it in `poses`.
             inputs: The arrays on which the search depends besides, but the triangles and rest positions of the fold.
+            moves: As `posed` takes them.
         """
         looks, fixed = [look for look in looks if len(look[1])], [self.triangles, self.rest_positions, *inputs]
-        known = chain(fixed, *(self.inputs(*look) for look in looks))
-        poses = chain.from_iterable(self.poses(*look) for look in looks)
+        known = chain(fixed, *(self.inputs(*look, moves) for look in looks))
+        poses = chain.from_iterable(self.poses(*look, moves) for look in looks)
         return kept_search(partial(search, poses), search.__qualname__, count, known)
 
     def meshes_crossing_themselves(self, clip: Clip, times: Floats) -> set[str]:

@@ -221,9 +221,9 @@ class _Look:
         for part, low in {key[1:] for key in asked if key not in self._known}:
             moves = [replace(each, shapes=part * each.shapes) for each in self.moves] if part else []
             fold = self.fold if low == 1.0 else self.fold.at_height(low)
-            fold = replace(fold, movers=(*fold.movers, *self.beside, *moves))
             fresh = [key[0] for key in asked if key[1:] == (part, low) and key not in self._known]
-            counts = fold.searched([(self.clip, self.times[fresh])], len(fresh), self._counts, self.counting)
+            look, moves = (self.clip, self.times[fresh]), [*self.beside, *moves]
+            counts = fold.searched([look], len(fresh), self._counts, self.counting, moves=moves)
             self._known.update(zip(((frame, part, low) for frame in fresh), counts.tolist(), strict=True))
         found = np.zeros(len(self.times), np.intp)
         found[frames] = [self._known[key] for key in asked]
