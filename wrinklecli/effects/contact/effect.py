@@ -89,7 +89,7 @@ class ContactWords:
             "degrees": [round(float(np.degrees(end)), 1) for end in (hinge.least, hinge.most)]
             if isinstance(hinge, Hinge)
             else None,
-            "moved_vertices": len(crease.fold.free_vertices),
+            "moved_vertices": len(crease.fold.free_vertices) if len(crease.shapes) else 0,
             "largest_move": significant(crease.largest),
             "volume_lost": significant(max((each.lost for each in swept), default=0.0)),
             "poses": sum(int(np.count_nonzero(each.weights.any(axis=1))) for each in swept),

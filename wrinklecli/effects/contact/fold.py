@@ -197,26 +197,30 @@ class Fold:
         return np.asarray(starts[self.vertices + 1] - starts[self.vertices] > inside)
 
     @cached_property
-    def tissue(self) -> Tissue:
-        """The fold as the solver sees it; nothing of it is free or may collide if the surface is degenerate."""
+    def free(self) -> Bools:
+        """(vertices,) True for those that the solver may move."""
         free = self.near
         free[: len(self.vertices)] &= ~self.border
+        return free
+
+    @cached_property
+    def tissue(self) -> Tissue:
+        """The fold as the solver sees it; nothing of it may collide if the surface is degenerate."""
         edges, crossed = self.crossings.at(self.rest_positions)
         # Triangles without a free corner never touched one.
-        colliding = np.asarray(free[self.triangles].any(axis=1))
+        colliding = np.asarray(self.free[self.triangles].any(axis=1))
         colliding[crossed] = False
-        through = np.zeros(len(free), bool)
+        through = np.zeros(len(self.free), bool)
         through[self.crossings.edges[edges]] = True
         colliding[(through & ~self.own)[self.triangles].any(axis=1)] = False
         rest = self.rest_positions * UNITS / self.radius
-        tissue = Tissue(rest, self.triangles, colliding, free, self.own, self.apart)
-        none = np.zeros_like(free)
-        return unless_degenerate(tissue.ready) or replace(tissue, colliding=none[self.triangles[:, 0]], free=none)
+        tissue = Tissue(rest, self.triangles, colliding, self.free, self.own, self.apart)
+        return unless_degenerate(tissue.ready) or replace(tissue, colliding=np.zeros_like(colliding))
 
     @property
     def free_vertices(self) -> Ints:
         """(free,) sorted fine vertices that the solver may move."""
-        return self.vertices[self.tissue.free_rows]
+        return self.vertices[np.flatnonzero(self.free & self.own)]
 
     @property
     def joint(self) -> str | None:
@@ -404,15 +408,15 @@ def find_folds(
 
 def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
-    times = np.linspace(0.0, 1.0, _NEARNESS_POSES)
-    moments = [(clip, np.array([time])) for clip, _ in fold.hinge.sweeps for time in times]
-    boxes = [(places.min(axis=0), places.max(axis=0)) for places in (fold.posed(*each)[0][0] for each in moments)]
+    times, clips = np.linspace(0.0, 1.0, _NEARNESS_POSES), [clip for clip, _ in fold.hinge.sweeps]
+    boxes = [(places.min(axis=1), places.max(axis=1)) for places in (fold.posed(clip, times)[0] for clip in clips)]
     triangles, others, count = [fold.triangles], list[SkinnedMesh](), len(fold.vertices)
     for obstacle in obstacles:
         near = np.zeros(len(obstacle.triangles), bool)
-        for moment, (low, high) in zip(moments, boxes, strict=True):
-            corners = obstacle.carried(*moment)[0][0][obstacle.triangles]
-            near |= ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+        for clip, (low, high) in zip(clips, boxes, strict=True):
+            corners = obstacle.carried(clip, times)[0].take(obstacle.triangles, axis=1)
+            meeting = (corners.max(axis=2) >= low[:, None]) & (corners.min(axis=2) <= high[:, None])
+            near |= meeting.all(axis=2).any(axis=0)
         if near.any():
             others.append(obstacle.part(near))
             triangles.append(others[-1].triangles + count)

@@ -199,7 +199,7 @@ class _Look:
     @cached_property
     def counting(self) -> Bools:
         """(vertices,) True for those that contact or the fold's tools may move."""
-        return (self.fold.tissue.free & self.fold.own) | self.fold.raised
+        return (self.fold.free & self.fold.own) | self.fold.raised
 
     @cached_property
     def _still(self) -> set[tuple[int, int]]:
