@@ -261,6 +261,17 @@ def test_what_does_not_fit_is_told(keys: Json, line: str) -> None:
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_a_percentage_of_what_is_flat_asks_for_a_length() -> None:
+    flat = tube()
+    attribute(flat, 0, "POSITION")[:, 1] = 0.0
+    attribute(flat, 0, "NORMAL")[:] = [0.0, 1.0, 0.0]
+    for wavelength in ("10%", "auto"):
+        with pytest.raises(WrinkleError) as caught:
+            attached(flat, wavelength=wavelength)
+        assert "fields[0].wavelength: a percentage is of the girth of a limb, and what is flat has" in str(caught.value)
+        assert "give a length in scene units" in str(caught.value)
+
+
 def test_every_problem_is_told_at_once() -> None:
     with pytest.raises(WrinkleError) as caught:
         attached(tube(), joints=["nobody"], wavelength=9.0)

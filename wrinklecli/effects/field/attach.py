@@ -227,16 +227,16 @@ def _girth(tool: Field, ground: Ground, sheet: Sheet) -> tuple[Floats, float, fl
     """(vertices,) radii of the limbs beneath, their girth, and the typical wavelength, scene units.
 
     Raises:
-        BakeError: It is longer than the mesh.
+        BakeError: It is longer than the mesh, or a percentage where no limb is beneath.
     """
     size = float(np.linalg.norm(np.ptp(sheet.positions, axis=0)))
     radii = _radii(ground, sheet.areas)
     girth = 2.0 * np.pi * float(weighted_quantiles(radii, sheet.areas, np.array([0.5]))[0])
     found = tool.wavelength.resolve(girth or np.inf)  # what is flat belongs to no limb
     if not found < size:
-        raise BakeError(
-            f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}", where=tool.place("wavelength")
-        )
+        long = f"a wavelength of {found:.3g} is longer than its mesh, {size:.3g}"
+        flat = "a percentage is of the girth of a limb, and what is flat has none; give a length in scene units"
+        raise BakeError(long if girth or np.isfinite(found) else flat, where=tool.place("wavelength"))
     return radii, girth, found
 
 
