@@ -51,6 +51,11 @@ def test_other_commands_print_what_they_made(limb: Wrinkle) -> None:
     data = printed(limb, "preview", "limb.glb", "-o", "p.png", "--size", "32x32", "--rest")
     assert (data["assets"], data["path"], data["views"]) == (["limb.glb"], "p.png", ["oblique"])
     assert Path("p.png").exists()
+    for more in ([], ["--merge", "-v"]):
+        data = printed(limb, "suggest", "limb.glb", "-o", "new.yaml", "--all", *more)
+        assert [each["clip"] for each in data["tools"]] == ["fold"] * len(data["tools"])
+        assert data["tools"]
+    assert Path("new.yaml").exists()
 
 
 @pytest.mark.quick(1)

@@ -149,7 +149,8 @@ def suggest(
         options["folder"] = os.path.dirname(output) if output is not None and to_file else ""
         with Progress(quiet=quiet, lines=progress) as shown:
             found = run(asset, progress=shown.show, **options)
-        if not quiet:
+        for_people = not (quiet or as_json)
+        if for_people:
             say_findings([*found.notes, *(each.line for each in found.dropped if verbose)], ())
         if as_json:
             emit_json(_json(asset, found))
@@ -160,11 +161,11 @@ def suggest(
             made = merged(output, before, text, external=options["allow_external"])
             text = made.text
             added = [counted(count, *KINDS[key].words) for key, count in made.added.items()]
-            if not quiet:
+            if for_people:
                 say_findings([f"{output}: {f'{added[0]} added' if added else 'nothing is new'}"], ())
         if to_file or not as_json:
             write_text(output, text, outputs)
-    if not quiet:
+    if for_people:
         for table, numbers in _tables(found):
             _say_table(table, numbers)
 
