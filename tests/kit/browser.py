@@ -165,12 +165,16 @@ class Page:
         """Click the button that shows a text, with notes in brackets behind it or without."""
         shown = "each.innerText.trim().split(' (')[0]"
         found = f"[...document.querySelectorAll('button')].find(each => {shown} === {text!r})"
-        self.click(*self._middle(found))
+        self.press_element(found)
 
     def press_text(self, text: str) -> None:
         """Click the innermost element that shows a text, whatever it is."""
         shown = f"[...document.querySelectorAll('*')].filter(each => each.innerText?.trim() === {text!r})"
-        self.click(*self._middle(f"{shown}.at(-1)"))
+        self.press_element(f"{shown}.at(-1)")
+
+    def press_element(self, element: str) -> None:
+        """Click the element that a JavaScript expression gives."""
+        self.click(*self._middle(element))
 
     def point_at(self, element: str) -> None:
         """Move the mouse over the element that a JavaScript expression gives."""
@@ -188,7 +192,7 @@ class Page:
         of_label = f"[...document.querySelectorAll('label')].find(each => each.innerText.trim() === {label!r})"
         row = f"{of_label}?.parentElement.parentElement.parentElement"
         field = f"[...({row}?.querySelectorAll('input:not([type=hidden])') ?? [])].at(-1)"
-        self.click(*self._middle(field))
+        self.press_element(field)
         return field
 
     def _middle(self, element: str) -> list[float]:

@@ -33,7 +33,7 @@ from wrinklecli.editor.session import Session
 from wrinklecli.tools.read import load_tools
 
 SCREENSHOTS = os.environ.get("WRINKLE_SCREENSHOTS")
-# Behind the left knee of the sample trousers, at rest, and where a camera looks at it from, above the player.
+# Behind the left knee of the sample trousers, at rest, and where a camera looks at it from.
 KNEE = np.array([(0.115, 0.55, -0.078), (0.115, 0.40, -0.078)])
 CAMERA, SEEN = np.array([0.115, 0.46, -1.0]), np.array([0.115, 0.435, -0.078])
 
@@ -417,7 +417,9 @@ def test_another_asset_of_the_folder_or_edited_before_is_opened_at_the_same_addr
 @pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize("size", [(1280, 720), (800, 600), (480, 800)], ids=lambda size: str(size[0]))
-def test_nothing_covers_the_panel_however_small_the_page_is(size: tuple[int, int], tmp_path: Path) -> None:
+def test_nothing_covers_the_view_the_panel_or_the_strip_below_however_small_the_page_is(
+    size: tuple[int, int], tmp_path: Path
+) -> None:
     asset, tools = (shutil.copy(ROOT / each, tmp_path) for each in ("samples/wrist.glb", "configs/wrist.yaml"))
     page = Page(Session(asset, tools))
     try:
@@ -439,11 +441,31 @@ def test_nothing_covers_the_panel_however_small_the_page_is(size: tuple[int, int
                 assert said[2] <= place[0] or said[3] <= place[1], label
                 assert min(place[:2]) >= 0, label
                 assert place[2] <= size[0], label
-            # Redo leaves the scroll bar free, as the row above it does.
-            assert tab.value(f"{box}({button.format('Redo')})")[2] < tab.value(f"{box}({button.format('Touch')})")[2]
             tab.press_button("palm_side")
             tab.wait("document.body.innerText.includes('is tallest')")
             assert tab.value("document.documentElement.scrollWidth") <= size[0]
+            # The scroll bar, of 10 pixels, leaves the widgets free.
+            ends = f"[...document.querySelectorAll('button, input')].map(each => {box}(each)[2])"
+            assert max(tab.value(ends)) <= size[0] - 10
+            # The strip spans the view's width below it, and the curve lies in the strip.
+            view = tab.value(f"{box}(document.querySelector('canvas[data-engine]'))")
+            strip = "document.querySelector('[data-strip]').closest('[data-floating-window], .mantine-Tabs-root')"
+            place = tab.value(f"{box}({strip})")
+            assert (place[0], view[2] - place[2] <= 10) == (view[0], True)
+            assert view[3] <= place[1] < place[3] == size[1]
+            assert view[3] > size[1] / 3
+            tab.wait(f"{strip}.querySelectorAll('.uplot').length === 1")
+            # A click in the view, down to its last line, and on whatever the strip holds, reaches what it should.
+            shown = f"[...{strip}.querySelectorAll('button, input')].filter(each => each.getClientRects().length)"
+            covered = f"{shown}.filter(each => !each.parentElement.contains({middle}(each)))"
+            tabs = f"[...{strip}.querySelectorAll('[data-dock-tab], [role=tab]')]"
+            for title in ("View", "Pose", "Play"):
+                tab.press_element(f"{tabs}.find(each => each.innerText.trim() === {title!r})")
+                mark = f"{strip}.querySelector('[data-strip={title.lower()}]')"
+                tab.wait(f"{mark}?.parentElement.parentElement.getClientRects().length === 1")
+                tab.wait(f"{covered}.length === 0")
+                take_picture(tab, f"page_{size[0]}_{title}")
+            tab.wait(f"document.elementFromPoint({(view[0] + view[2]) / 2}, {view[3] - 2}).tagName === 'CANVAS'")
             assert tab.errors == []
     finally:
         page.close()

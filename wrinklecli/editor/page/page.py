@@ -167,13 +167,17 @@ class Page:
         self._files = FileButtons(self)
         play = gui.add_panel()
         with play.add_tab("Play"):
+            gui.add_html('<i data-strip="play"></i>')
             self.player = Player(self)
         with play.add_tab("View"):
+            gui.add_html('<i data-strip="view"></i>')
             self._viewport.add_widgets(heat=heat)
             self.player.add_speed()
         with play.add_tab("Pose"):
+            gui.add_html('<i data-strip="pose"></i>')
             self._pose_panel = PosePanel(self, self.player)
         play.float(x=15, y=-15, width=PANEL_WIDTH)
+        play.expand()
         self._pointer.add_buttons()
         self._names: Any = gui.add_dropdown("chosen", (_ALL,), hint="Escape leaves a tool, or what is pending.")
         on_set(self, self._names, "chosen", self._choose_named)

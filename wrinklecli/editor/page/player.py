@@ -42,14 +42,14 @@ class Player:
         gui = page.server.gui
         names = (*self._clips, POSE, _REST)
         self._clip: Any = gui.add_dropdown("clip", names, hint="Motions of joints and morph targets are clips, too.")
+        self._button = add_button(page, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
+        self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
         height = uplot.Series(label="height", stroke=_INK, width=2)
         playhead = uplot.Series(label="now", stroke=_PLAYHEAD_INK, width=2)
         series = (uplot.Series(label="seconds"), height, playhead)
         self._heights = _chart(gui, None, _TIMELINE_HEIGHT, *series)
         self._heights.axes, self._heights.visible = 2 * (uplot.Axis(show=False),), False
         self._over: tuple[Floats, Floats] | None = None
-        self._time: Any = gui.add_slider("time (s)", 0.0, 1.0, _TIME_STEP, 0.0)
-        self._button = add_button(page, "Play", self.toggle, icon=viser.Icon.PLAYER_PLAY, hint="Space")
         self._speed: Any = None
         self._fit_slider()
         add_shortcut(page, "Play or pause", self.toggle, "space")

@@ -2,7 +2,7 @@
 
 Elements of the page's own HTML say something when they are pressed (`data-say`), when the mouse comes over them
 (`data-over`), and when they come in sight (`data-seen`). While one of them has `data-hover`, the place of the mouse in
-the view is said, too.
+the view is said, too. A style in each tab puts what `data-strip` marks below the view.
 """
 
 import html
@@ -20,13 +20,52 @@ Heard: TypeAlias = Callable[[str, viser.ClientHandle], object]
 _Thing = TypeVar("_Thing")
 
 _LINE = "said by the tab"  # title of the hidden line
-# The line is hidden. viser's own notes lie below and behind the page's message, and take clicks on their buttons alone.
-_STYLE = '<style>div:has(> div > div > p > label[for="{}"]){{display:none}}'
-_STYLE += ".mantine-Notifications-root{{top:25vh!important;z-index:1!important}}"
-_STYLE += ".mantine-Notification-root{{pointer-events:none!important}}"
-_STYLE += ".mantine-Notification-root button{{pointer-events:all}}"
-# A row of buttons reaches below the scroll bar.
-_STYLE += "div:has(> .mantine-Flex-root > .mantine-Button-root){{padding-right:.7em}}</style>"
+# viser docks panels left and right only. So a grid lays out the view, the strip below it, and the panel beside both. On
+# a narrow page viser lays its panel over the view: there, the panel is below the view, and the strip at its lower end.
+_STYLE = """
+[data-dock-root] { display: grid; grid-template: minmax(0, 1fr) auto / auto minmax(0, 1fr) auto }
+[data-dock-root] > :first-child { position: relative !important; inset: 0 !important; grid-area: 1 / 2 }
+[data-dock-region] { position: relative !important; grid-area: 1 / 1 / span 2 }
+[data-dock-region="right"] { grid-column: 3 }
+[data-floating-window]:has([data-strip]) {
+  position: relative !important; inset: 0 !important; width: auto !important; grid-area: 2 / 2;
+  [data-dock-resize], [data-dock-griphandle] { display: none !important }
+  [data-dock-group] { flex-direction: row !important }
+  [data-dock-strip] { flex-direction: column; background: none !important }
+  [data-dock-group] > :last-child { flex: 1; min-width: 0; container-type: inline-size }
+}
+div:has(> div [data-dock-root]):has(> .mantine-Paper-root) {
+  flex-direction: column;
+  > .mantine-Paper-root { position: static !important; width: 100% !important; flex-shrink: 0 }
+  .mantine-ScrollArea-viewport { scroll-padding-bottom: 12em }
+  .mantine-ScrollArea-content > div { width: 100% !important }
+}
+div:has(> .mantine-Tabs-root [data-strip]) {
+  position: sticky; bottom: 0; z-index: 9; background: var(--mantine-color-body); container-type: inline-size
+}
+div:has(> [data-strip]) { display: none }
+/* A tab with little in it, and no tool's curve, leave the view as high as it is. */
+div:has(> div > [data-strip]) {
+  display: grid; grid-template-columns: repeat(auto-fit, minmax(15em, 1fr)); align-content: start;
+  min-height: 7em; padding-top: .5em !important;
+  div:has(> p > label) { width: 4.2em !important }
+}
+div:has(> div > [data-strip="play"]) {
+  grid-template: auto auto minmax(64px, auto) / 3fr 2fr;
+  > :nth-child(n + 4) { grid-column: span 2 }
+  > :nth-child(5) { padding: 0 3.6em 0 4.2em }
+  @container (min-width: 40em) {
+    grid: auto minmax(64px, auto) / auto-flow 15em 1fr;
+    > :nth-child(n + 4) { grid-column: auto }
+  }
+}
+/* The scroll bar leaves the widgets free. */
+.mantine-ScrollArea-content:not(.mantine-ScrollArea-content *) { padding-right: .7em }
+/* viser's own notes lie below and behind the page's message, and take clicks on their buttons alone. */
+.mantine-Notifications-root { top: 25vh !important; z-index: 1 !important }
+.mantine-Notification-root { pointer-events: none !important }
+.mantine-Notification-root button { pointer-events: all }
+"""
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
 # passes Ctrl-S on, and Ctrl-Z too unless a line of text has the focus, where it undoes typing. Enter leaves a field.
 # A command hears a key that goes down, but not when it is released: B, if it was held, is pressed again then. What is
@@ -34,6 +73,7 @@ _STYLE += "div:has(> .mantine-Flex-root > .mantine-Button-root){{padding-right:.
 _SCRIPT = """
 if (!window.wrinkleKeys) {
   window.wrinkleKeys = true;
+  document.head.append(Object.assign(document.createElement("style"), {textContent: `STYLE`}));
   // viser drops a text that another one follows at once. A random number makes each text a new one.
   const waiting = new Map();
   let sends = false;
@@ -146,7 +186,7 @@ if (!window.wrinkleKeys) {
       if (text && (kind === "pointerdown" || event.detail === 0)) sayOf(text);
     });
 }
-""".replace("LINE", _LINE)
+""".replace("LINE", _LINE).replace("STYLE", _STYLE)
 
 
 def run_script(page: PageHost, heard: Mapping[str, Heard]) -> None:
@@ -155,7 +195,7 @@ def run_script(page: PageHost, heard: Mapping[str, Heard]) -> None:
     # viser has no place for scripts, but an image that fails runs one.
     gui.add_html(f'<img src="data:," style="display:none" onerror="{html.escape(_SCRIPT)}">')
     line = gui.add_text(_LINE, "")
-    gui.add_html(_STYLE.format(line._impl.uuid))
+    gui.add_html(f'<style>div:has(> div > div > p > label[for="{line._impl.uuid}"]) {{ display: none }}</style>')
 
     @line.on_update
     async def _(event: viser.GuiEvent[viser.GuiTextHandle]) -> None:

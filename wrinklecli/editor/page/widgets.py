@@ -24,7 +24,7 @@ SetMode: TypeAlias = Literal["at once", "slides", "typed"]
 """A way to set a value. While a value slides or is typed, more follow, and only the last one is an edit."""
 
 PANEL_WIDTH = 380
-"""Pixels of the panel beside the view, and of the player: at 800 pixels, both stand side by side."""
+"""Pixels of the panel beside the view."""
 
 # Beside the panel, or above it where the page is narrow; what lies below the text takes the clicks.
 _OVER_VIEW = f"max-width:min(36em,max(20em,100vw - {PANEL_WIDTH + 45}px));max-height:40vh;overflow:hidden;"
