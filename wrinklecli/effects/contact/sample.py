@@ -22,7 +22,7 @@ from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.contact.kept import MOST_BYTES, Spanned, read, solution_key, written
 from wrinklecli.effects.contact.remaining import Shown, shown_in
 from wrinklecli.effects.contact.system import System, near_each_other, with_crossings
-from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, named_targets
+from wrinklecli.effects.effect import Effect, MeshPlan, SamplingOptions, Target, named_targets
 from wrinklecli.effects.kept import is_kept, keep, kept_solution
 from wrinklecli.effects.sampling import duplicates_of
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes, summed
@@ -310,9 +310,11 @@ def _samples(plan: MeshPlan, crease: Crease, effects: Sequence[Effect]) -> list[
 
     These are tools and fields, which act there without a spring, as some of the motions are in no file.
     """
-    wrinkles = [(each.targets, each.drive) for each in effects if isinstance(each.words, WrinkleWords)]
+    # Effects without a vertex in the fold change no normal that contact changes.
+    near = [each for each in effects if any(map(partial(_touches, crease.fold), each.targets))]
+    wrinkles = [(each.targets, each.drive) for each in near if isinstance(each.words, WrinkleWords)]
     tools = [(each, replace(drive, lag=None)) for each, drive in wrinkles if isinstance(drive, Drive) and drive.signal]
-    acting = tools + [(each.targets, each.drive) for each in effects if isinstance(each.drive, TurnDrive)]
+    acting = tools + [(each.targets, each.drive) for each in near if isinstance(each.drive, TurnDrive)]
     shapes = [target.shape for targets, _ in acting for target in targets]
     samples = list[Sample]()
     for _, poses in groupby(crease.samples, key=lambda each: id(each[1])):
@@ -323,6 +325,12 @@ def _samples(plan: MeshPlan, crease: Crease, effects: Sequence[Effect]) -> list[
             pairs = [(shape, weight) for shape, weight in zip(shapes, weights, strict=True) if weight]
             samples.append(Sample(row, pose, beneath=pairs))
     return samples
+
+
+def _touches(fold: Fold, target: Target) -> bool:
+    """True if a target moves a vertex of a fold, or turns its normal."""
+    shape = target.shape
+    return any(len(fold.shared_with(each)[0]) for each in (shape.vertices, shape.normal_vertices))
 
 
 def _identifier(plan: MeshPlan, fold: Fold, effects: Sequence[Effect]) -> str:

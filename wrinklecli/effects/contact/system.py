@@ -156,7 +156,15 @@ def with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
         found, counted = np.zeros((2, len(wide.vertices)), bool)
         for _ in range(_GROWTHS):
             fresh = (replace(wide, crossed=wide.crossed | found).near | wide.raised) & ~counted
-            part = wide.part(_coming_near(placed, wide.triangles, fresh))
+            # Nothing crosses these but what comes near them, by boxes; so the search does not depend on anything else.
+            near = np.asarray(fresh[wide.triangles].any(axis=1))
+            corners = distinct_values(wide.triangles[near].ravel())
+            if not len(corners):
+                break
+            for positions in placed:
+                box = positions[corners]
+                near |= meets_box(positions, box.min(axis=0), box.max(axis=0), wide.triangles)
+            part = wide.part(near)
             rows = np.searchsorted(wide.vertices, part.vertices)
             crossing = rows[_crossing_in(part, looks, fresh[rows])]
             if (wide.crossed | found)[crossing].all():
@@ -180,18 +188,6 @@ def _crossing_in(fold: Fold, looks: Sequence[Look], counting: Bools) -> Bools:
         return marked
 
     return np.asarray(fold.searched(looks, len(counting), crossing, counting) > 0)
-
-
-def _coming_near(placed: Sequence[Floats], triangles: Ints, chosen: Bools) -> Bools:
-    """(triangles,) True for those that come near triangles with chosen (vertices,) in some poses, by boxes.
-
-    Nothing else can cross these, so what is searched for does not depend on it. `placed` are (vertices, 3) positions.
-    """
-    touched = chosen[triangles].any(axis=1)
-    rows, near = distinct_values(triangles[touched].ravel()), touched.copy()
-    for positions in placed if len(rows) else ():
-        near |= meets_box(positions, positions[rows].min(axis=0), positions[rows].max(axis=0), triangles)
-    return np.asarray(near)
 
 
 def _moments(fold: Fold, clip: Clip) -> Floats:
