@@ -36,12 +36,12 @@ _UNTOLD = "as nothing says what it is made of"
 # words are those of Ready Player Me (`Wolf3D_Outfit_Footwear`), Daz (`EyeMoisture`, `Fingernails`) and Character
 # Creator (`Std_Eye_Occlusion`).
 WORDS: dict[SubstanceKind, str] = {
-    "leather": "leather boot shoe sneaker footwear sandal glove",
+    "leather": "leather boot shoe sneaker footwear sandal glove saddle",
     "hard": """metal metallic steel iron chrome gold silver brass copper alloy armor armour robot bot mech machine
         plastic glass glasses eyewear goggle stone wood wooden plate screw bolt gear helmet headwear visor lens gun
         weapon sword shield buckle button zipper rubber wheel jewelry earring necklace hair eyebrow brow beard lash
         eyelash eye iris irises cornea pupil sclera tearline eyemoisture tooth teeth tongue gum nail fingernail toenail
-        horn claw hoof fur furry pelt feather plumage belt strap saddle holster pouch bag backpack rucksack""",
+        horn claw hoof fur furry pelt feather plumage belt strap holster pouch bag backpack rucksack""",
     "cloth": """cloth clothes clothing shirt tshirt trouser pant jeans denim jacket coat cape cloak robe dress skirt
         sleeve fabric cotton wool silk linen sock stocking legging tights scarf hood hoodie sweater suit bodysuit short
         tunic uniform top bottom onepiece kimono apron vest underwear bra panties blouse garment outfit textile hat cap
