@@ -153,7 +153,7 @@ def test_contact_changes_nothing_where_nothing_crosses() -> None:
 def test_poses_of_clips_are_looked_at_before_those_of_sweeps() -> None:
     looked = list[Floats]()
 
-    def poses(*given: Any) -> tuple[Floats, Floats]:
+    def poses(*given: Any) -> tuple[Floats, ...]:
         found = chosen(*given)
         looked.append(found[1])
         return found
@@ -170,3 +170,26 @@ def test_poses_of_clips_are_looked_at_before_those_of_sweeps() -> None:
     (weights,) = looked
     assert len(weights) == 5
     assert np.abs(weights[:, None] - shown).max(axis=2).min(axis=1) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_without_contact_each_shape_is_looked_at_where_it_acts_most_in_clips_and_in_sweeps() -> None:
+    """Other joints stand otherwise in a clip, so what crosses there may not in a sweep."""
+    seen = dict[str, tuple[Any, ...]]()
+
+    def poses(*given: Any) -> tuple[Floats, ...]:
+        seen["poses"] = chosen(*given)
+        return seen["poses"]
+
+    def looks(*given: Any) -> list[Any]:
+        seen["given"] = given
+        return []
+
+    chosen = lowering._poses
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lowering, "_poses", poses)
+        patch.setattr(lowering, "_crossing", looks)
+        planned.__wrapped__("off", 80.0)
+    (_, weights, of_clips), (*_, counting) = seen["poses"], seen["given"]
+    for kind in (of_clips, ~of_clips):
+        (rows,) = kind.nonzero()
+        assert counting[rows[weights[rows].argmax(axis=0)]].any(axis=1).all()

@@ -59,7 +59,7 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
         heights: (shapes, vertices) of the refined surface at weight 1.
         ways: (vertices, 3) displacements for a height of 1, bind space.
     """
-    matrices, weights = _poses(attached, ground)
+    matrices, weights, of_clips = _poses(attached, ground)
     # For as much as a crease acts, its side is lowered apart from what it is in a slight bend.
     own, every = np.flatnonzero(attached.factors.creases), np.arange(len(heights))
     apart = np.eye(len(every))
@@ -71,9 +71,11 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
     counting = weights @ heights > 0
     if attached.tool.contact is None:
         # In all poses, crossings take half of a bake's time. So each shape is looked at where it acts most, and with
-        # its crease where both do.
+        # its crease where both do: in clips and in sweeps, since other joints stand otherwise there.
         acting = np.hstack([weights, weights[:, own - 1] * weights[:, own]])
-        most = np.arange(len(weights))[:, None] == acting.argmax(axis=0)
+        kinds = np.where(of_clips == np.array([[True], [False]]), 1.0, 0.0)
+        tops = (kinds[:, :, None] * acting).argmax(axis=1)
+        most = (np.arange(len(weights))[:, None] == tops[:, None]).any(axis=0)
         counting = most @ np.vstack([heights, heights[own]]) > 0
     looks = [*_turning(surface, raised, slopes), *_crossing(surface, raised, counting)]
     halvings, looked = np.zeros(heights.shape), looks
@@ -112,8 +114,10 @@ def _below_layers(ground: Ground, fine: Refinement, tallest: Floats, ways: Float
     return slopes.below(np.ones((1, len(tallest))), high[losses > 0], 1.0 - losses[losses > 0])
 
 
-def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats]:
+def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Bools]:
     """(poses, joints, 4, 4) matrices and (poses, shapes) weights of clips, greatest weights first, then of sweeps.
+
+    The last result has (poses,) flags of those of clips.
 
     Clips are what is seen. They show how far joints turn, and together: between the poses of a sweep a crease may turn
     a triangle.
@@ -130,7 +134,7 @@ def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats]:
     own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
     of_sweeps = own < len(sweeps.matrices)
     chosen = own[np.lexsort((-(every[own] ** 2).sum(axis=1), of_sweeps))][:_POSES]
-    return np.concatenate(matrices)[chosen], every[chosen]
+    return np.concatenate(matrices)[chosen], every[chosen], chosen >= len(sweeps.matrices)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
