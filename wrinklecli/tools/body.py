@@ -148,15 +148,6 @@ class Muscle(EffectTool):
     )
 
     @property
-    def points(self) -> tuple[Point, ...]:
-        """Both ends."""
-        return (self.origin, self.insertion)
-
-    def place_of(self, number: int, *keys: str) -> str:
-        """The place of an end in the file."""
-        return self.place(("origin", "insertion")[number], *keys)
-
-    @property
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         """The clips that key the activation, with the paths of their keys."""
         keyed = self.activation.keys if isinstance(self.activation, ActivationKeys) else {}
@@ -250,16 +241,6 @@ class Flesh(EffectTool):
 
     DRIVING: ClassVar[tuple[str, ...]] = ("frequency", "damping", "gravity")
     """The keys that change the weights of a region alone, not its shapes."""
-
-    @property
-    def points(self) -> tuple[Point, ...]:
-        """The middle, if it has one."""
-        return () if self.at is None else (self.at,)
-
-    def place_of(self, number: int, *keys: str) -> str:
-        """The place of the middle in the file."""
-        assert number == 0
-        return self.place("at", *keys)
 
 
 @dataclass(frozen=True, slots=True)

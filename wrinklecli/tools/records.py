@@ -437,14 +437,15 @@ class EffectTool:
         """The place of a key, for later errors, such as `tools.yaml:14: tools[0].node`."""
         return self.places.get(keys, self.where)
 
-    def place_of(self, number: int, *keys: str) -> str:  # noqa: ARG002
+    def place_of(self, number: int, *keys: str) -> str:
         """The place of a point in the file."""
-        return self.place(*keys)
+        return self.place(*self.point_keys[number : number + 1], *keys)
 
     @property
     def points(self) -> tuple[Point, ...]:
         """The points at which it lies on the mesh or below it, from its origin on."""
-        return ()
+        every = (getattr(self, each) for each in self.point_keys)
+        return tuple(each for each in every if each is not None)
 
     @property
     def identifier(self) -> str:
