@@ -18,7 +18,7 @@ from wrinklecli.baking.original import original, wrinkled
 from wrinklecli.character.clip import clip_name
 from wrinklecli.character.mesh_names import own_names
 from wrinklecli.character.pose import stored_positions
-from wrinklecli.character.rig import Hierarchy, morph_target_names, read_hierarchy
+from wrinklecli.character.rig import Hierarchy, from_roots, morph_target_names, read_hierarchy
 from wrinklecli.character.scene import read_scene
 from wrinklecli.drive.drive import anchors_of, wrinkle_entry
 from wrinklecli.errors import AssetError, TooMuchError, WrinkleError
@@ -205,19 +205,11 @@ def _describe_skin(document: Document, index: int, hierarchy: Hierarchy | None) 
 def _parents(joints: list[int], hierarchy: Hierarchy) -> list[int | None]:
     """The nearest joint above each joint, by its number in the skin; None for the topmost."""
     numbers = {node: number for number, node in reversed([*enumerate(joints)])}
-    # The nearest joint at or above a node.
-    above: dict[int, int | None] = {-1: None}
-    found = []
-    for joint in joints:
-        passed = []
-        node = int(hierarchy.parents[joint])
-        while node not in above and node not in numbers:
-            passed.append(node)
-            node = int(hierarchy.parents[node])
-        nearest = numbers.get(node, above.get(node))
-        above.update(dict.fromkeys(passed, nearest))
-        found.append(nearest)
-    return found
+    above: dict[int, int | None] = {}
+    for node in from_roots(hierarchy.parents):
+        parent = int(hierarchy.parents[node])
+        above[node] = numbers.get(parent, above.get(parent))
+    return [above[joint] for joint in joints]
 
 
 def _clips(document: Document) -> Iterator[Json]:
