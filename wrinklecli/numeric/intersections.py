@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, distinct, dot, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distinct, dot, flags_of
 from wrinklecli.numeric.portions import portions
 
 # Bits of each coordinate of a box. With a guard bit for each, three of them fill an integer of 64 bits, and a
@@ -70,16 +70,16 @@ class Crossings:
         pairs = self._split(positions, *self._near(positions, positions, counting))
         crossing = np.stack(self._passing(positions, *pairs), axis=1)
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
-        return edges, triangles
+        counts = slice(None) if counting is None else counting[self._corners(edges, triangles)].any(axis=1)
+        return edges[counts], triangles[counts]
 
     def vertices_at(self, positions: Floats, counting: Bools | None = None) -> Bools:
         """(vertices,) True for the vertices of edges and triangles that cross at (vertices, 3) positions.
 
         If (vertices,) `counting` are given, only crossings of which at least one vertex is among these are marked.
         """
-        edges, triangles = self.at(positions)
-        corners = np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
-        return flags_of(corners if counting is None else corners[counting[corners].any(axis=1)], len(positions))
+        edges, triangles = self.at(positions, counting)
+        return flags_of(self._corners(edges, triangles), len(positions))
 
     def pairs_at(self, positions: Floats, counting: Bools | None = None) -> set[tuple[int, int]]:
         """The edges and the triangles that they pass through at (vertices, 3) positions.
@@ -91,7 +91,10 @@ class Crossings:
 
     def corners_of(self, pairs: Iterable[tuple[int, int]]) -> Ints:
         """(pairs, 5) vertices of edges, and of the triangles that they pass through; pairs are sorted."""
-        edges, triangles = np.array(sorted(pairs), np.intp).reshape(-1, 2).T
+        return self._corners(*np.array(sorted(pairs), np.intp).reshape(-1, 2).T)
+
+    def _corners(self, edges: Ints, triangles: Ints) -> Ints:
+        """(pairs, 5) vertices of (pairs,) edges and (pairs,) triangles."""
         return np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
 
     @property
@@ -112,19 +115,20 @@ class Crossings:
         """
         edges, triangles = self._near(low, high, counting)
         ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)
-        return np.concatenate([ends, corners]).take(_apart(ends, corners), axis=1).T
+        pairs = np.concatenate([ends, corners]).take(_apart(ends, corners), axis=1).T
+        return pairs if counting is None else pairs[any_of(counting, pairs)]
 
     def _near(self, low: Floats, high: Floats, counting: Bools | None) -> tuple[Ints, Ints]:
-        """(pairs,) edges and (pairs,) triangles whose boxes meet, and that count; other arrays as in `may_cross`."""
+        """(pairs,) edges and (pairs,) triangles whose boxes meet, and that may count; arrays as in `may_cross`."""
         depth = max(len(self.triangles), len(self.edges), 1).bit_length()
         origin = low.min(axis=0, initial=np.inf)
         size = float((high - origin).max(initial=0.0)) or 1.0
         lowest = (low - origin).T / size * _CELLS + 1.0
         highest = lowest if high is low else (high - origin).T / size * _CELLS + 1.0
         trees = [_tree(lowest, highest, corners[order], depth) for corners, order in self._leaves]
-        # A box of a tree counts if something in it does.
+        # A box of a tree counts if something in it does. That of a leaf is not looked at, as most pairs are leaves.
         counts = (
-            [_any_tree(np.asarray(counting[corners[order]].any(axis=1)), depth) for corners, order in self._leaves]
+            [_any_tree(any_of(counting, corners[order]), depth) for corners, order in self._leaves]
             if counting is not None
             else []
         )
@@ -132,9 +136,6 @@ class Crossings:
         found, stack = [np.zeros((2, 0), np.intp)], [(top, *np.indices((2**top, 2**top)).reshape(2, -1))]
         while stack:
             level, edges, triangles = stack.pop()
-            if counts:
-                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
-                edges, triangles = edges.take(counted), triangles.take(counted)
             (low_edge, high_edge), (low_triangle, high_triangle) = (tree[level] for tree in trees)
             # A difference takes a guard bit away where a low side lies above the other box's high side.
             guards = high_triangle.take(triangles) - low_edge.take(edges)
@@ -144,6 +145,9 @@ class Crossings:
             if level == depth:
                 found.append(np.stack([self.edge_order.take(edges), self.triangle_order.take(triangles)]))
                 continue
+            if counts:
+                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
+                edges, triangles = edges.take(counted), triangles.take(counted)
             edges, triangles = 2 * edges, 2 * triangles
             edges = np.concatenate([edges, edges, edges + 1, edges + 1])
             triangles = np.concatenate([triangles, triangles + 1, triangles, triangles + 1])

@@ -67,10 +67,6 @@ class Pieces:
         piece = np.where(free[corners], labels[corners], -1).max(axis=1)
         return cls(tuple(every[piece == each] for each in np.unique(piece)), means)
 
-    def volume_change(self, positions: Floats, wanted: Floats) -> float:
-        """The volume under all pieces at (vertices, 3) positions minus that at other positions."""
-        return float(np.sum(self.volumes(positions) - self.volumes(wanted)))
-
     def volumes(self, positions: Floats) -> Floats:
         """(pieces,) volumes between each piece and the origin; only differences of these mean anything."""
         places = np.concatenate([positions, self.means @ positions])

@@ -113,7 +113,12 @@ class Solution:
 
     def volume_change(self, moved: Floats) -> float:
         """Volume that another move adds, relative to that of a limb as long as it is thick."""
-        return self.tissue.pieces.volume_change(self.positions_under(moved), self.positions) / _VOLUME
+        return float(np.sum(self.tissue.pieces.volumes(self.positions_under(moved)) - self._volumes)) / _VOLUME
+
+    @cached_property
+    def _volumes(self) -> Floats:
+        """(pieces,) volumes of the tissue's pieces under the skinned positions."""
+        return self.tissue.pieces.volumes(self.positions)
 
     @cached_property
     def held_volume(self) -> tuple[Floats, float]:
