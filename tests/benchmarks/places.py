@@ -220,7 +220,7 @@ def proposed(places: Places, chances: Floats, least: float) -> tuple[list[float]
     """The numbers of places that are proposed, to keep, weak and to delete; and the part of those to keep that are."""
     chosen, whole = places.verdicts[chances[:, 1] >= least], places.verdicts
     counts = [float(np.sum(chosen == verdict)) / len(LOOKS) for verdict in (2, 1, 0)]
-    return counts, float(np.sum(chosen == 2) / np.sum(whole == 2))
+    return counts, float(np.sum(chosen == 2) / max(np.sum(whole == 2), 1))
 
 
 def report(places: Places, chances: Floats, least: float) -> str:
@@ -235,8 +235,8 @@ def report(places: Places, chances: Floats, least: float) -> str:
         (keep, weak, delete), found = proposed(places.only(chosen), chances[chosen], least)
         count = keep + weak + delete
         lines += [
-            f"{name}: proposed {count:g}: {keep:g} keep ({100 * keep / count:.0f} %), {weak:g} weak, {delete:g} delete;"
-            f" {100 * found:.0f} % of those to keep"
+            f"{name}: proposed {count:g}: {keep:g} keep ({100 * keep / max(count, 1):.0f} %), {weak:g} weak,"
+            f" {delete:g} delete; {100 * found:.0f} % of those to keep"
         ]
     return "\n".join(lines)
 

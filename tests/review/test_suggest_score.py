@@ -7,7 +7,7 @@ import pytest
 
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
 
-GOOD = Merits(seen=0.9, crests=0.5, smooth=1.0, closed=0.8, around=0.8, uniform=1.0)
+GOOD = Merits(seen=0.9, crests=0.5, smooth=1.0, closed=0.8, around=0.8, uniform=1.0, fine=1.0)
 NAMES = [each.name for each in fields(Merits)]
 
 

@@ -105,8 +105,9 @@ SHUT = [(-0.02, 1.2), (0.03, 0.85), (0.08, 0.5), (-0.3, 0.0)]
         ([(0.0, 1.0), (0.5, 0.5), (1.0, 1.0)], math.inf, 0.85, 0.5),
         # Its ends, which face each other, have passed each other.
         ([*SHUT, *((-x, z) for x, z in SHUT[::-1])], math.inf, 1.0, 0.5),
+        ([(0.17, 1.0), (0.0, 0.0), (0.3, 0.0), (0.13, 1.0)], math.inf, 0.99, 0.5),
     ],
-    ids=["plane", "limb", "valley", "shut"],
+    ids=["plane", "limb", "valley", "shut", "by more than half a turn"],
 )
 def test_a_fold_closes_and_reaches_around_a_limb(
     profile: Sequence[tuple[float, float]], radius: float, closed: float, around: float

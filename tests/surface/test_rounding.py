@@ -1,6 +1,7 @@
 """New vertices lie on the normal of their place, near the coarse surface, and on it at hard edges and borders."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from kit.forehead import BROWS, forehead
 from kit.limb import cuffed_limb, flat_limb, limb_asset, tool
 from kit.prepared import Prepared, prepare
 from wrinklecli.surface.refine import Refinement
+from wrinklecli.surface.rounding import hard_edges, hard_inside
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -128,6 +130,18 @@ def test_an_edge_is_hard_where_its_faces_meet_at_more_than_50_degrees(flipped: b
         hard[sides] = prepare(asset).refined().hard_shares[0]
     assert hard[7] > 0.2, "51 degrees"
     assert hard[8] == 0.0, "45 degrees"
+
+
+def test_hard_edges_at_the_border_of_a_region_are_not_inside() -> None:
+    """The one hard edge goes round the limb at its middle, and half of the region ends there."""
+    prepared = prepare(cuffed_limb(rings=13, sides=12))
+    surface, positions, region = prepared.surface, prepared.rest.bind_positions, prepared.patch
+    on_one_side = surface.positions[surface.triangles[region.members], 0].mean(axis=1) < 0.0
+    half = replace(region, members=region.members[on_one_side])
+    assert 0 < len(half.members) < len(region.members)
+    assert hard_edges(surface, positions, [half]).shares[0] > 0.0
+    assert hard_inside(surface, positions, half) == 0.0
+    assert hard_inside(surface, positions, region) > 0.0
 
 
 def test_offsets_end_at_the_border_of_the_patch() -> None:

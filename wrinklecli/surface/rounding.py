@@ -95,6 +95,13 @@ def hard_edges(surface: Surface, positions: Floats, regions: Sequence[Region]) -
     return HardEdges(edges.vertices[hard], shares)
 
 
+def hard_inside(surface: Surface, positions: Floats, region: Region) -> float:
+    """The fraction of the edges inside a region that are hard; at its border, where effects have faded, none counts."""
+    edges, hard, _ = _hard_among(surface, positions, distinct_values(region.members))
+    inside = hard[edges.counts > 1]
+    return float(inside.sum()) / max(len(inside), 1)
+
+
 def bends(surface: Surface, positions: Floats) -> tuple[Floats, Floats]:
     """The bend of the surface at its edges, each its angle times its length: at hard ones, and at all.
 

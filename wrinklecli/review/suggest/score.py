@@ -27,12 +27,13 @@ class Merits:
     Attributes:
         seen: Part of the wrinkles that is visible; where no limb folds, of those that would be if nothing hid them.
         crests: Part of what changes the light that is crests; the rest is lumps, specks and what one does not notice.
-        smooth: Part of the edges that are not hard.
-        closed: How far the ends of the fold lean to each other: 1 where it is shut, 0.5 on a plane.
-        around: How far the sides of the place lean away from each other: 1 around a thin limb, 0.5 on a plane.
+        smooth: Part of the edges inside the place that are not hard; at its border wrinkles have faded.
+        closed: How far the ends of the fold are turned to each other: 1 where it is shut, 0.5 on a plane.
+        around: How far the sides of the place are turned away from each other: 1 around a thin limb, 0.5 on a plane.
         uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve, and lace has holes.
+        fine: Part of the triangles that its wrinkles need, in the asset: on fewer they are bars with kinks.
 
-    The last three are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as they do at
+    The last four are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as they do at
     places that artists keep.
     """
 
@@ -42,6 +43,7 @@ class Merits:
     closed: float
     around: float
     uniform: float
+    fine: float
 
 
 REASONS = {
@@ -51,6 +53,7 @@ REASONS = {
     "closed": ("hardly folded", "it hardly folds: {} shut, where flat is 50 % and a closed fold 100 %"),
     "around": ("around no limb", "it reaches around no limb: {}, where a plane has 50 % and a thin limb 100 %"),
     "uniform": ("across a border", "it lies across the border of what it is made of: {} of it is of one substance"),
+    "fine": ("few triangles", "the mesh is coarse there: it has {} of the triangles that its wrinkles need"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 

@@ -24,11 +24,13 @@ from wrinklecli.review.suggest.score import Score
 from wrinklecli.review.suggest.stage import Placement
 from wrinklecli.review.suggest.text import Entry, file_text, read_suggested
 from wrinklecli.surface.ground import Ground, read_ground
-from wrinklecli.surface.rounding import hard_edges
+from wrinklecli.surface.rounding import hard_inside
 from wrinklecli.tools.records import EffectTool, RefinementSettings, ToolsFile
 
 # Most times that an edge is halved for suggested wrinkles: then a triangle is several times as long as the fold.
 MOST_LEVELS = 6
+# Triangles of the asset under a bump from which on more make it no better: four along each flank, twice across.
+_OF_BUMP = 16
 
 
 class TriedAsset:
@@ -142,9 +144,15 @@ class Trial:
 
     @property
     def smooth(self) -> float:
-        """Part of the edges under them that are not hard."""
-        regions = [each.regions[0] for each in self.attached]
-        return 1.0 - float(hard_edges(self.ground.surface, self.ground.rest.bind_positions, regions).shares.max())
+        """Part of the edges inside their regions that are not hard; the least of both."""
+        surface, positions = self.ground.surface, self.ground.rest.bind_positions
+        return 1.0 - max(hard_inside(surface, positions, each.regions[0]) for each in self.attached)
+
+    @property
+    def fine(self) -> float:
+        """Part of the triangles that each of their bumps needs, in the asset; the least of both."""
+        needed = (len(each.regions[0].members) / (_OF_BUMP * each.tool.bumps) for each in self.attached)
+        return float(min(1.0, *needed))
 
     def placed(self, refinement: RefinementSettings) -> tuple[RefinementSettings, dict[str, Placement]]:
         """Refine the mesh as finely as they need, without rounding if that would be visible at rest.

@@ -45,6 +45,8 @@ _SHAPES_OF_CONTACT = 7
 _UNNOTICED = 0.035
 # Part of a place's length that is an end of it, and of its width that is a side.
 _ENDS = 0.3
+# Greatest angle beyond half a turn by which sides have passed each other where a fold is shut, radians.
+_PASSED = math.radians(45.0)
 # Suggestions that are looked at for each that may be kept. The next best ones fold ever less.
 _LOOKS = 3
 # Frames of a clip that are checked: eleven minutes.
@@ -131,12 +133,16 @@ class Draft(NamedTuple):
         placed: It and its twin, by name.
         cost: What they take on a GPU at most, bytes.
         limb: True if a limb folds there.
+        smooth: Its merit of that name.
+        fine: The same.
     """
 
     needed: RefinementSettings
     placed: dict[str, Placement]
     cost: int
     limb: bool
+    smooth: float
+    fine: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,8 +208,9 @@ class Judge:
             limb = not suggestion.by_morph and trials[0].attached[0].segment is not None
             smooth = min(each.smooth for each in trials)
             bend = 1.0 if limb else math.nan
-            uniform = suggestion.uniform
-            best = Score.of(Merits(seen=1.0, crests=1.0, smooth=smooth, closed=bend, around=bend, uniform=uniform))
+            fine = min(each.fine for each in trials) if limb else math.nan
+            known = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine)
+            best = Score.of(known(seen=1.0, crests=1.0, closed=bend, around=bend))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
             for trial in trials:
@@ -212,7 +219,7 @@ class Judge:
         except BakeError as error:
             return Dropped.refused(suggestion, error)
         coarse = any(each.coarse for each in placed.values())
-        return dropped("coarse", 0.0) if coarse else Draft(needed, placed, _cost(placed), limb)
+        return dropped("coarse", 0.0) if coarse else Draft(needed, placed, _cost(placed), limb, smooth, fine)
 
     def _tried(
         self,
@@ -226,7 +233,7 @@ class Judge:
         draft = drafts.get(suggestion.effect.name) or self.drafted(least, suggestion)
         if isinstance(draft, Dropped):
             return draft, least
-        needed, placed, cost, limb = draft
+        needed, placed, cost, limb = draft.needed, draft.placed, draft.cost, draft.limb
         if cost > budget:
             return Dropped.costly(suggestion, cost), least
         try:
@@ -246,7 +253,7 @@ class Judge:
                 targets=sum(len(each.part.drive.targets) for each in placed.values()),
                 gpu_bytes=cost,
                 own_bytes=sum(map(grown_bytes, {id(each.plan): each.plan for each in placed.values()}.values())),
-                judgement=Score.of(self._merits(placement, suggestion, tallest, limb=limb)) if raised else None,
+                judgement=Score.of(self._merits(draft, suggestion, tallest)) if raised else None,
             )
         except BakeError as error:
             return Dropped.refused(suggestion, error), least
@@ -280,15 +287,15 @@ class Judge:
             warnings += lines
         return (warnings or [""])[0], needed
 
-    def _merits(self, placement: Placement, suggestion: Suggested, tallest: StagedTool, *, limb: bool) -> Merits:
+    def _merits(self, draft: Draft, suggestion: Suggested, tallest: StagedTool) -> Merits:
         """The merits of a suggestion where one sees it best: where it is tallest, or before if a fold hides it then.
 
-        Its twin is not looked at, as it is the same in a mirror. `limb` is True if a limb folds there. If not
-        `everything` is looked at, a fold that is too open where it is tallest has the best merits that it could get.
+        Its twin is not looked at, as it is the same in a mirror. If not `everything` is looked at, a fold that is too
+        open where it is tallest has the best merits that it could get.
         """
+        placement, limb = draft.placed[suggestion.effect.name], draft.limb
         clip, peak = self.asset.clip(suggestion.clip), suggestion.time
-        smooth = 1.0 - float(placement.plan.fine.hard_shares[placement.part.region])
-        merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform)
+        merits = partial(Merits, smooth=draft.smooth, uniform=suggestion.uniform, fine=draft.fine)
         best_merits = merits(seen=1.0, crests=1.0, **_bends(tallest, limb=limb))
         if not (self.everything or Score.of(best_merits).is_kept):
             return best_merits
@@ -338,12 +345,12 @@ def _tallest(placement: Placement, seen: Sequence[Seen]) -> tuple[str, float]:
 def _bends(staged: StagedTool, *, limb: bool) -> dict[str, float]:
     """The merits `closed` and `around` of a tool; NaN if no limb folds there."""
     us, vs = staged.places.T
-    leans = (_lean(staged, us), -_lean(staged, (1.0 + vs) / 2.0)) if limb else (math.nan, math.nan)
-    return {name: (1.0 + lean) / 2.0 for name, lean in zip(("closed", "around"), leans, strict=True)}
+    found = (_turned(staged, us, inwards=True), _turned(staged, (1.0 + vs) / 2.0, inwards=False))
+    return dict(zip(("closed", "around"), found if limb else (math.nan, math.nan), strict=True))
 
 
-def _lean(staged: StagedTool, parts: Floats) -> float:
-    """Measure how far two sides of a place lean to each other: 1 if they face, 0 on a plane, below 0 if they part.
+def _turned(staged: StagedTool, parts: Floats, *, inwards: bool) -> float:
+    """Measure how far two sides of a place are turned to each other, or away: 1 by half a turn, 0.5 on a plane.
 
     The sides are where (vertices,) `parts` of the way across the place are least and greatest.
     """
@@ -354,10 +361,10 @@ def _lean(staged: StagedTool, parts: Floats) -> float:
     ways, middles = np.cross(unit(areas), np.einsum("tc,tca->ta", parts, edges)), parts.mean(axis=1)
     sides = [middles < _ENDS, middles > 1.0 - _ENDS]
     if not all(side.any() for side in sides):
-        return 0.0
-    first, last = (unit(areas[side].sum(axis=0)) for side in sides)
-    across = unit(ways[sides[0]].sum(axis=0)) + unit(ways[sides[1]].sum(axis=0))
-    return float((first - last) @ unit(across)) / 2.0
+        return 0.5
+    (first, way), (last, way_last) = ((unit(areas[side].sum(axis=0)), unit(ways[side].sum(axis=0))) for side in sides)
+    turn = math.atan2(first @ way_last - last @ way, first @ last + way @ way_last) * (1 if inwards else -1)
+    return (1.0 + math.sin((turn + math.tau if turn < _PASSED - math.pi else turn) / 2.0)) / 2.0
 
 
 def _frames_of(clip: Clip, rig: Rig) -> Floats:
