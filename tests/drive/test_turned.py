@@ -43,12 +43,14 @@ def read(data: Any, rig: Rig) -> TurnDrive:
 
 
 def test_each_turn_has_rows_of_its_own(rig: Rig, clips: list[Clip]) -> None:
-    """Angles of the sleeve's clips are known: 50° in both joints, and from 25° to -20° about another axis."""
+    """Angles of the sleeve's clips are known: 50° in both joints, which is 100° against what is above the first, and
+    from 25° to -20° about another axis.
+    """
     drive = read(FIELD, rig)
     fold, wave = clips
     angle = np.radians(50.0)
     first = [np.interp(angle, TURNS[0]["angles"], column) for column in np.transpose(TURNS[0]["weights"])]
-    third = [np.interp(angle, TURNS[2]["angles"], column) for column in np.transpose(TURNS[2]["weights"])]
+    third = [np.interp(2.0 * angle, TURNS[2]["angles"], column) for column in np.transpose(TURNS[2]["weights"])]
     assert drive.weights_in(rig, fold)(np.ones(1))[0] == pytest.approx(0.8 * np.array([*first, 0.0, *third]), abs=1e-6)
     bent = drive.weights_in(rig, wave)(np.array([0.5, 1.0]))
     wanted = np.interp(np.radians([25.0, -20.0]), TURNS[1]["angles"], np.ravel(TURNS[1]["weights"]))

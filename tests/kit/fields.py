@@ -47,7 +47,8 @@ def sleeve_and_field(folder: Path, **keys: Any) -> tuple[Path, Path]:
     return _placed(), file
 
 
-# Turns of the sleeve's joints with rows of simple numbers: one shape after another, and both sides of a joint.
+# Turns of the sleeve's joints with rows of simple numbers: one shape after another, both sides of a joint, and two
+# joints that count as one.
 TURNS: list[Json] = [
     {
         "joint": "joint_1",
@@ -67,10 +68,10 @@ TURNS: list[Json] = [
     },
     {
         "joint": "joint_2",
-        "parent": "joint_1",
+        "parent": "joint_0",
         "rest": [0.0, 0.0, 0.0, 1.0],
         "axis": [0.0, 0.0, 1.0],
-        "angles": [0.1, 0.9],
+        "angles": [0.2, 1.9],
         "weights": [[0.0, 0.2], [1.0, 0.3]],
     },
 ]
