@@ -53,7 +53,7 @@ def test_vertices_go_until_edges_would_be_too_long(squares: float, goes: bool) -
     after = face_normals(positions, found)[:, 2]
     assert (after > 0).all()
     assert after.sum() == pytest.approx(2.0)
-    assert over(positions, squares / 12)(edges_of(found)).max() <= 1.0
+    assert over(positions, squares / 12)(edges_of(found)).max() <= 1.0 + 1e-6
     assert len(np.unique(found)) < 0.55 * len(positions) if goes else np.array_equal(found, triangles)
 
 

@@ -21,6 +21,8 @@ from wrinklecli.numeric.edges import Edges
 _LEAST_COSINE = 0.5
 # Height of a face over its longest side, below which none becomes narrower: what is more slender is seen as a scratch.
 _NARROW = 0.15
+# Steps of lengths: rounding errors decide neither what goes first nor what is too long.
+_STEP = 2.0**-20
 # Part of a face's area by which a place may lie beside it: midpoints lie on its sides but for rounding errors.
 _BESIDE = 1e-3
 
@@ -39,7 +41,7 @@ def collapse_edges(
         triangles: (triangles, 3) vertices; those on both sides of a seam have numbers of their own.
         weld: (vertices,) equal numbers for those at one point.
         positions: (vertices, 3).
-        lengths: Gives (edges,) lengths from their (edges, 2) vertices. None longer than 1 is made.
+        lengths: Gives (edges,) lengths from their (edges, 2) vertices. None longer than 1 is made, but for a step.
         removable: (vertices,) True for those that may go; at borders and seams they stay nevertheless.
         tolerance: Greatest distance of a vertex that goes from the faces in place of its own.
 
@@ -81,7 +83,7 @@ class _Moves:
     Attributes:
         vertices: (moves,) those that would go.
         targets: (moves,) the neighbours.
-        lengths: (moves,) of the edges between them.
+        lengths: (moves,) of the edges between them, in steps.
         faces: (faces, 3) those round a vertex, with the vertex first, which the move leaves.
         of_faces: (faces,) the move of each.
         links: (links, 2) edges that are made: the target, and a vertex round it.
@@ -102,7 +104,7 @@ class _Moves:
         face, corner = np.nonzero(waiting[triangles])
         # The faces of a vertex go round it, so each neighbour is the second corner of one of them.
         fans = triangles[face[:, None], (corner[:, None] + np.arange(3)) % 3]
-        sizes = lengths(fans[:, :2])
+        sizes = np.rint(lengths(fans[:, :2]) / _STEP)
         order = np.lexsort((fans[:, 1], sizes, fans[:, 0]))
         fans, sizes = fans[order], sizes[order]
         vertices, firsts, counts = np.unique(fans[:, 0], return_index=True, return_counts=True)
@@ -128,7 +130,7 @@ class _Moves:
     ) -> Bools:
         """(moves,) True for those after which the surface is as good."""
         count = len(self.vertices)
-        fails = flags_of(self.of_links[lengths(self.links) > 1.0], count)
+        fails = flags_of(self.of_links[lengths(self.links) > 1.0 + _STEP], count)
         faces = np.flatnonzero(~fails[self.of_faces])
         of_faces = self.of_faces[faces]
         shapely, near = _replaced(positions, self.faces[faces], self.targets[of_faces], tolerance)
