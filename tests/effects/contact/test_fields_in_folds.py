@@ -39,10 +39,10 @@ def test_a_fold_is_posed_with_the_field_beneath(plan: MeshPlan) -> None:
     (fold,), (part,) = contact.folds, fields.parts
     assert [each.tool.name for each in fold.patches] == ["hand"]
     clip, times = fold.hinge.sweeps[0]
-    positions, matrices = fold.at_height(0.0).posed(clip, times)
+    positions, matrices = map(np.array, zip(*fold.at_height(0.0).poses(clip, times), strict=True))
     moves = np.zeros((len(times), len(plan.fine.positions), 3))
     moves[:, part.vertices] = part.displacements(plan.fine, plan.rig, clip, times)
-    skinned, _ = replace(fold, carried=(), movers=()).posed(clip, times)
+    skinned = np.array([places for places, _ in replace(fold, carried=(), movers=()).poses(clip, times)])
     assert positions == pytest.approx(skinned + np.einsum("fvij,fvj->fvi", matrices, moves[:, fold.vertices]))
     assert np.abs(positions - skinned)[-1].max() > 0.2 * part.attached.greatest_height
 

@@ -27,7 +27,7 @@ def test_a_fold_is_seen_by_the_solver_as_before(kind: str, tmp_path: Path, golde
     for fold in (with_crossings(each, []) for each in layer.folds):
         tissue, times = fold.tissue, np.linspace(clip.start, clip.end, 7)
         forces = np.sin(np.arange(3.0 * tissue.free.sum())).reshape(-1, 3)
-        posed = fold.posed(clip, times)[0]
+        posed = np.array([places for places, _ in fold.poses(clip, times)])
         arrays = {
             "rest": tissue.rest, "triangles": tissue.triangles, "colliding": tissue.colliding, "free": tissue.free,
             "own": tissue.own, "apart": tissue.apart, "crossed": fold.crossed, "border": fold.border,

@@ -55,6 +55,8 @@ Look: TypeAlias = tuple[Clip, Floats]
 """A motion, and (frames,) seconds of it."""
 Poses: TypeAlias = Iterator[tuple[Floats, Floats]]
 """Frame by frame (vertices, 3) positions in world space, and (vertices, 3, 3) matrices from bind space."""
+Search: TypeAlias = Callable[[Poses], Ints]
+"""Finds numbers from 0 on in poses."""
 
 
 def evenly(count: int, most: int) -> Ints:
@@ -71,6 +73,9 @@ class Mover(Protocol):
 
     def displacements(self, fine: Refinement, rig: Rig, clip: Clip | None, times: Floats) -> Floats:
         """(frames, vertices, 3) displacements of these, bind space."""
+
+
+Movers: TypeAlias = Sequence[Mover]
 
 
 @dataclass(frozen=True)
@@ -261,27 +266,6 @@ class Fold:
         _, here, there = np.intersect1d(self.vertices, vertices, assume_unique=True, return_indices=True)
         return here, there
 
-    def posed(
-        self, clip: Clip | None, times: Floats, known: Sequence[Floats] = (), moves: Sequence[Mover] = ()
-    ) -> tuple[Floats, Floats]:
-        """Pose the wrinkled surface at (frames,) seconds of a clip, whose `_amplitudes` may be known.
-
-        Other `moves` add to those of `movers`.
-
-        Returns:
-            (frames, vertices, 3) world space, and (frames, vertices, 3, 3) matrices from bind space, both followed by
-            the vertices of other meshes.
-        """
-        amplitudes = known or self._amplitudes(clip, times)
-        offsets = np.zeros((len(times), len(self.vertices), 3))
-        for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
-            offsets[:, here] += displacements(carried, self.fine, self.rig, clip, times, own)[:, there]
-        for each in (*self.movers, *moves):
-            here, there = self.shared_with(each.vertices)
-            offsets[:, here] += each.displacements(self.fine, self.rig, clip, times)[:, there]
-        every = [self.mesh.carried(clip, times, offsets), *(each.carried(clip, times) for each in self.others)]
-        return np.concatenate([each[0] for each in every], axis=1), np.concatenate([each[1] for each in every], axis=1)
-
     def _amplitudes(self, clip: Clip | None, times: Floats) -> list[Floats]:
         """The (frames, groups, modes) amplitudes of the tools in `moved` at (frames,) seconds of a clip.
 
@@ -301,13 +285,23 @@ class Fold:
         ]
         return replace(self, carried=tuple(carried))
 
-    def poses(self, clip: Clip | None, times: Floats, moves: Sequence[Mover] = ()) -> Iterator[tuple[Floats, Floats]]:
-        """`posed` frame by frame."""
+    def poses(self, clip: Clip | None, times: Floats, moves: Movers = ()) -> Poses:
+        """Pose the wrinkled surface at (frames,) seconds of a clip, followed by the vertices of other meshes.
+
+        Other `moves` add to those of `movers`.
+        """
         amplitudes = self._amplitudes(clip, times)
         for part in portions(len(times), 8 * len(self.vertices)):
-            yield from zip(*self.posed(clip, times[part], [each[part] for each in amplitudes], moves), strict=True)
+            now, offsets = times[part], np.zeros((len(times[part]), len(self.vertices), 3))
+            for (carried, here, there), own in zip(self.moved, amplitudes, strict=True):
+                offsets[:, here] += displacements(carried, self.fine, self.rig, clip, now, own[part])[:, there]
+            for each in (*self.movers, *moves):
+                here, there = self.shared_with(each.vertices)
+                offsets[:, here] += each.displacements(self.fine, self.rig, clip, now)[:, there]
+            every = [self.mesh.carried(clip, now, offsets), *(each.carried(clip, now) for each in self.others)]
+            yield from zip(*(np.concatenate(each, axis=1) for each in zip(*every, strict=True)), strict=True)
 
-    def inputs(self, clip: Clip | None, times: Floats, moves: Sequence[Mover] = ()) -> Iterator[Any]:
+    def inputs(self, clip: Clip | None, times: Floats, moves: Movers = ()) -> Iterator[Any]:
         """The arrays on which `poses` depends, and on nothing else; to pose takes ten times as long."""
         for each in (self.mesh, *self.others):
             yield from each.inputs(clip, times)
@@ -322,14 +316,7 @@ class Fold:
             here, there = self.shared_with(mover.vertices)
             yield from (here, mover.displacements(self.fine, self.rig, clip, times)[:, there])
 
-    def searched(
-        self,
-        looks: Sequence[Look],
-        count: int,
-        search: Callable[[Poses], Ints],
-        *inputs: Any,
-        moves: Sequence[Mover] = (),
-    ) -> Ints:
+    def searched(self, looks: Sequence[Look], count: int, search: Search, *inputs: Any, moves: Movers = ()) -> Ints:
         """(count,) numbers that a search finds in the fold's poses, from where they are kept by what it depends on.
 
         Args:
@@ -337,7 +324,7 @@ class Fold:
             count: Number of what is found.
             search: Finds it in `poses`.
             inputs: The arrays on which the search depends besides, but the triangles and rest positions of the fold.
-            moves: As `posed` takes them.
+            moves: As `poses` takes them.
         """
         looks, fixed = [look for look in looks if len(look[1])], [self.triangles, self.rest_positions, *inputs]
         known = chain(fixed, *(self.inputs(*look, moves) for look in looks))
@@ -409,7 +396,8 @@ def find_folds(
 def _with_obstacles(fold: Fold, obstacles: Sequence[SkinnedMesh]) -> Fold:
     """Add the parts of other meshes that come near a fold in its joint's motion, by their bounding boxes."""
     times, clips = np.linspace(0.0, 1.0, _NEARNESS_POSES), [clip for clip, _ in fold.hinge.sweeps]
-    boxes = [(places.min(axis=1), places.max(axis=1)) for places in (fold.posed(clip, times)[0] for clip in clips)]
+    posed = (np.array([places for places, _ in fold.poses(clip, times)]) for clip in clips)
+    boxes = [(places.min(axis=1), places.max(axis=1)) for places in posed]
     triangles, others, count = [fold.triangles], list[SkinnedMesh](), len(fold.vertices)
     for obstacle in obstacles:
         near = np.zeros(len(obstacle.triangles), bool)
