@@ -30,12 +30,12 @@ def main(out: Path) -> None:
         for warning in bake(asset, tools, baked, BakeOptions()).warnings:
             print(warning)
         options = PreviewOptions(
-            fps=15,
+            fps=12,
             views=("35:5",),
             focus=(0.0, 1.05, 0.03),
             radius=0.27,
             follow=True,
-            size=(480, 480),
+            size=(400, 400),
             labels=("without", "with flesh"),
         )
         preview([asset, baked], out, options)

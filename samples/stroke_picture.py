@@ -62,7 +62,7 @@ def main(out: Path) -> None:
             focus=(AT[0], AT[1] + HIGH, 0.0),
             radius=0.03,
             follow=True,
-            size=(560, 360),
+            size=(840, 540),
             labels=("a stroke",),
         )
         preview([baked], out, options)
