@@ -272,6 +272,10 @@ def test_a_mask_is_painted_on_the_skin_and_named_by_the_tool(tmp_path: Path) -> 
             tab.press("Escape", code=27)
             until(lambda: not page._materials._waiting, "no more of them")
             tab.press_text("Materials")
+            # viser's note about drawing without a GPU has its button over the tool.
+            closes = "document.querySelector('.mantine-Notification-root button')"
+            tab.press_element(closes)
+            tab.wait(f"!{closes}")
             tab.press_button("Paint mask")
             tab.wait("!!document.querySelector('[data-brush]')")
             eye = client.camera.position.copy()
