@@ -15,7 +15,7 @@ from wrinklecli.baking.plan import plan_meshes
 from wrinklecli.effects.effect import MeshPlan
 from wrinklecli.effects.faults import count_turned_over
 from wrinklecli.effects.field import carry
-from wrinklecli.effects.field.attach import UNSEEN
+from wrinklecli.effects.field.factors import UNSEEN
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.field.material import FABRICS
 from wrinklecli.effects.plan import skin_parts

@@ -10,7 +10,7 @@ from wrinklecli.choices import SUBSTANCES
 from wrinklecli.drive.table import Table
 from wrinklecli.drive.turned import TurnDrive
 from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.field.factors import Factors, factors_of
+from wrinklecli.effects.field.factors import UNSEEN, Factors, factors_of
 from wrinklecli.effects.field.heights import WAVE, averages_over, measure
 from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.effects.field.material import FABRICS, Fabric
@@ -43,9 +43,6 @@ _MOST_FACETED = 0.8
 _HELD = 4
 # Half height of the tallest fold over the wavelength below which nobody sees one.
 _LEAST_HEIGHT = 0.01
-# Part of the greatest height below which nothing is seen: there shapes end, without a step. As they are not negative,
-# they fade slowly, and would else be all over a garment: a third of what they move lies below.
-UNSEEN = 0.05
 # Weight below which a shape does not act: a fifth of the default --max-error. Factors come near to 0 and never reach
 # it, so an engine would play each shape from the first degree on.
 _LEAST_WEIGHT = 2e-3

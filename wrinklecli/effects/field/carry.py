@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from wrinklecli.effects.field.attach import UNSEEN, AttachedField
+from wrinklecli.effects.field.attach import AttachedField
+from wrinklecli.effects.field.factors import seen_of
 from wrinklecli.effects.field.heights import NEAR
 from wrinklecli.effects.field.lowering import lowering
 from wrinklecli.effects.field.material import Fabric
@@ -70,8 +71,7 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     average = sheet.averaging(NEAR * attached.wavelength)
     heights = average.of(values[:, :count])
     tallest = max(float(heights.max(initial=0.0)), TINY)
-    heights = np.maximum(heights - UNSEEN * tallest, 0.0)
-    heights *= (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
+    heights = seen_of(heights) * (free[vertices] * np.minimum(shares / _LEAST, 1.0))[:, None]
     remaining = float(heights.max(initial=0.0)) / tallest
     covered = np.zeros(len(free))
     covered[vertices] = np.minimum(heights.max(axis=1) / (_SEEN * values[:, -1]), 1.0)

@@ -14,9 +14,9 @@ import numpy as np
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.effects.below import losses_below
 from wrinklecli.effects.faults import turned_over
-from wrinklecli.effects.field.attach import UNSEEN, AttachedField
+from wrinklecli.effects.field.attach import AttachedField
 from wrinklecli.effects.field.compression import along
-from wrinklecli.effects.field.factors import weights_of
+from wrinklecli.effects.field.factors import UNSEEN, weights_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
