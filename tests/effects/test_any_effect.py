@@ -30,7 +30,8 @@ ASSETS: dict[str, tuple[Callable[[], Asset], Json]] = {
     "flesh": (body, region()),
     "touches": (lambda: plate(size=0.36, cells=36), touch()),
     "tools": (lambda: limb_asset(rings=21, sides=16), tool(bumps=2)),
-    "fields": (lambda: limb_asset(rings=21, sides=16), field()),
+    # It bends so little that no fold is lowered where the limb meets itself.
+    "fields": (lambda: limb_asset(rings=21, sides=16, angle=30), field()),
 }
 EACH = pytest.mark.parametrize("section", ASSETS)
 WITH_REGIONS = pytest.mark.parametrize("section", [key for key in ASSETS if key != "flesh"])
@@ -220,6 +221,4 @@ def test_a_tool_that_is_drawn_is_carried_at_once_or_comes_with_the_rig(section: 
     pinned = np.zeros(len(plan.fine.surface.positions), np.bool_)
     made = sketch(part.attached, part.region, plan.fine, pinned)
     assert (made is not None) == (section in ("tools", "fields"))
-    # A sketch of a field looks at no clips, which may level a vertex more.
-    assert made is None or np.isin(part.vertices, made.vertices).all()
-    assert made is None or len(made.vertices) < 1.01 * len(part.vertices)
+    assert made is None or np.array_equal(part.vertices, made.vertices)
