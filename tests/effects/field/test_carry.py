@@ -202,7 +202,7 @@ def test_a_strength_is_a_factor_of_weights_and_no_shape() -> None:
 def test_a_mesh_has_no_vertex_that_no_edge_of_a_field_needs(
     options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is left is as it was, rows of the matrix and corners of seams alike, and no gap opens."""
+    """The vertices that stay keep their rows of the matrix and their corners at seams, and no gap opens."""
     keys = {"refinement": {"scheme": "midpoint"}, "fields": [{"name": "folds", "wavelength": 0.1}]}
     fine = planned(tube(**options), levels=3, **keys).fine
     monkeypatch.setattr(refine, "collapse_edges", lambda triangles, *_: (triangles, np.arange(len(triangles))))

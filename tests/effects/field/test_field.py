@@ -165,7 +165,7 @@ def test_a_report_tells_of_turns_and_errors() -> None:
 
 @pytest.mark.slow
 def test_check_counts_the_shapes_that_a_bake_writes(tmp_path: Path) -> None:
-    """In a slight bend a crease takes nothing back, so it is no target."""
+    """A crease takes nothing back in a slight bend, so it is no target."""
     asset = place(tube(angle=40.0))
     (written,) = report_of(bake_once(asset, top=ONE, **FLAT)).data["fields"]
     (checked,) = check(asset, tools_file(tmp_path / asset.name, *ONE["fields"]), max_levels=0).data["fields"]

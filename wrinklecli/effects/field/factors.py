@@ -57,7 +57,7 @@ class Factors:
     left_out: tuple[int, ...] = ()
 
     def some(self, kept: Ints) -> "Factors":
-        """Those of its shapes that have such numbers, sorted; it keeps its error."""
+        """The factors with the shapes of sorted numbers alone; the error stays that of all."""
         return replace(
             self,
             turns=self.turns[kept],

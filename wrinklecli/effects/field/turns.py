@@ -137,9 +137,10 @@ class _Chain:
     @property
     def is_one(self) -> bool:
         """True if all turn the same way, and what each turns by beside its share does not count."""
-        beside = np.linalg.norm(self.turns - self.shares[:, None, None] * self.whole, axis=2)
-        farthest = np.linalg.norm(self.whole, axis=1).max()
-        return bool((self.shares > _LEAST_SHARE).all() and beside.max() < _LEAST and farthest < np.radians(MOST_TURN))
+        whole, shares = self.whole, self.shares
+        beside = np.linalg.norm(self.turns - shares[:, None, None] * whole, axis=2)
+        farthest = np.linalg.norm(whole, axis=1).max()
+        return bool((shares > _LEAST_SHARE).all() and beside.max() < _LEAST and farthest < np.radians(MOST_TURN))
 
     def turn(self, rig: Rig, axis: Floats, angles: Floats) -> Turn:
         """The turn by (steps,) angles about a (3,) unit axis."""

@@ -335,7 +335,7 @@ def _limb(ground: Ground, at: Floats) -> Floats:
 
 
 def _count(drive: TouchDrive) -> int:
-    """How many targets it has."""
+    """Count the targets of a touch."""
     count = sum(len(drive.slides) + len(place.windows) for place in drive.places)
     return count + (0 if drive.limb is None else TouchDrive.bent)
 

@@ -6,7 +6,7 @@ warn gives way to others that fit the same place, so that the file passes `check
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -133,16 +133,14 @@ class Draft(NamedTuple):
         placed: It and its twin, by name.
         cost: What they take on a GPU at most, bytes.
         limb: True if a limb folds there.
-        smooth: Its merit of that name.
-        fine: The same.
+        merits: Makes its merits of those that a look finds; the others are known.
     """
 
     needed: RefinementSettings
     placed: dict[str, Placement]
     cost: int
     limb: bool
-    smooth: float
-    fine: float
+    merits: Callable[..., Merits]
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,8 +207,8 @@ class Judge:
             smooth = min(each.smooth for each in trials)
             bend = 1.0 if limb else math.nan
             fine = min(each.fine for each in trials) if limb else math.nan
-            known = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine)
-            best = Score.of(known(seen=1.0, crests=1.0, closed=bend, around=bend))
+            merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine)
+            best = Score.of(merits(seen=1.0, crests=1.0, closed=bend, around=bend))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
             for trial in trials:
@@ -219,7 +217,7 @@ class Judge:
         except BakeError as error:
             return Dropped.refused(suggestion, error)
         coarse = any(each.coarse for each in placed.values())
-        return dropped("coarse", 0.0) if coarse else Draft(needed, placed, _cost(placed), limb, smooth, fine)
+        return dropped("coarse", 0.0) if coarse else Draft(needed, placed, _cost(placed), limb, merits)
 
     def _tried(
         self,
@@ -295,8 +293,7 @@ class Judge:
         """
         placement, limb = draft.placed[suggestion.effect.name], draft.limb
         clip, peak = self.asset.clip(suggestion.clip), suggestion.time
-        merits = partial(Merits, smooth=draft.smooth, uniform=suggestion.uniform, fine=draft.fine)
-        best_merits = merits(seen=1.0, crests=1.0, **_bends(tallest, limb=limb))
+        best_merits = draft.merits(seen=1.0, crests=1.0, **_bends(tallest, limb=limb))
         if not (self.everything or Score.of(best_merits).is_kept):
             return best_merits
 
@@ -311,7 +308,7 @@ class Judge:
         assert best is not None
         staged, sight = best
         side, crests = look_at(staged, sight, side)
-        return merits(
+        return draft.merits(
             seen=side.visible if limb else part_not_hidden(sight.place, side),
             crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
             **_bends(staged, limb=limb),
