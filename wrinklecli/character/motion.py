@@ -56,6 +56,11 @@ def quaternion_product(turns: Floats, stored: Floats) -> Floats:
     return np.concatenate([imaginary, reals * stored[3] - vectors @ stored[:3, None]], axis=1)
 
 
+def turned_back(turns: Floats) -> Floats:
+    """(…, 4) inverses of unit quaternions."""
+    return turns * [-1.0, -1.0, -1.0, 1.0]
+
+
 def turned_axis(rotation: Floats, axis: Floats) -> Floats:
     """(3,) an axis of a node with a (4,) rotation, in the space of its parent."""
     vector, real = rotation[:3], rotation[3]

@@ -16,7 +16,15 @@ import numpy as np
 from wrinklecli.character.bent import bent_areas
 from wrinklecli.character.bones import Bones, forwards_of, read_bones, words_of
 from wrinklecli.character.clip import Channel, Clip, clip_name
-from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, raising, turned_axis, turning
+from wrinklecli.character.motion import (
+    MOST_TURN,
+    motion_clip,
+    quaternion_product,
+    raising,
+    turned_axis,
+    turned_back,
+    turning,
+)
 from wrinklecli.character.pose import node_matrices, stored_positions
 from wrinklecli.character.rig import Rig, read_hierarchy, read_rig
 from wrinklecli.choices import Part
@@ -306,7 +314,7 @@ def _shown_turns(node: int, stored: Floats, clips: Sequence[Clip]) -> Floats:
         if channel is not None:
             keys = unit_quaternions(channel.points.T).T
             # `back` is the inverse of the turn from the stored rotation to a key's, in the node's own space.
-            back = quaternion_product(keys * [-1.0, -1.0, -1.0, 1.0], stored)
+            back = quaternion_product(turned_back(keys), stored)
             turns = np.degrees(2.0 * np.arctan2(-back[:, :3], back[:, 3:]))
             turns -= 360.0 * np.round(turns / 360.0)
             extents[:, 0] = np.minimum(extents[:, 0], turns.min(axis=0))

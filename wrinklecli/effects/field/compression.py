@@ -9,6 +9,7 @@ ACM Transactions on Graphics 27(4), 2008.
 
 import numpy as np
 
+from wrinklecli.character.motion import turned_back
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, cross, dot, face_normals, unit
 
@@ -64,7 +65,7 @@ def posed_rigidly(positions: Floats, joints: Ints, weights: Floats, parts: tuple
     one, other = one / size, other / size
     axis, twice = one[:, :3], 2.0 * np.cross(one[:, :3], positions)
     turned = positions + one[:, 3:] * twice + np.cross(axis, twice)
-    return np.asarray(turned + 2.0 * _product(other, one * [-1.0, -1.0, -1.0, 1.0])[:, :3])
+    return np.asarray(turned + 2.0 * _product(other, turned_back(one))[:, :3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, sample
-from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, turned_axis, turning
+from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, turned_axis, turned_back, turning
 from wrinklecli.character.pose import joint_matrices, stored_positions
 from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
@@ -146,7 +146,7 @@ class _Chain:
         """The turn by (steps,) angles about a (3,) unit axis."""
         joints = []
         for node, frame, share in zip(self.nodes, self.frames, self.shares.tolist(), strict=False):
-            own = turned_axis(frame * [-1.0, -1.0, -1.0, 1.0], axis)
+            own = turned_axis(turned_back(frame), axis)
             stored = unit_quaternions(rig.locals[node]["rotation"])
             joints.append((JointAngle(node, int(rig.parents[node]), own, stored), share))
         signal = JointAngle(self.nodes[-1], int(rig.parents[self.nodes[0]]), axis, unit_quaternions(self.frames[-1]))
@@ -217,7 +217,7 @@ def _shown(rig: Rig, nodes: Sequence[int], clips: Sequence[Clip]) -> Floats:
         turned = np.zeros((len(nodes), len(times), 3))
         for own, node, channel in zip(turned, nodes, channels, strict=True):
             if channel is not None:
-                stored = unit_quaternions(rig.locals[node]["rotation"]) * [-1.0, -1.0, -1.0, 1.0]
+                stored = turned_back(unit_quaternions(rig.locals[node]["rotation"]))
                 turns = quaternion_product(sample(channel, times), stored)
                 turns *= np.where(turns[:, 3:] < 0, -1.0, 1.0)
                 halves = np.arctan2(np.linalg.norm(turns[:, :3], axis=1), turns[:, 3])
@@ -321,7 +321,7 @@ def _matrices(rig: Rig, turns: Sequence[Turn], angles: Floats) -> Floats:
             for made, (joint, _) in zip(turn.channels(angle), turn.joints, strict=True):
                 before = channels.get(joint.node)
                 if before is not None:
-                    rest = joint.rest * [-1.0, -1.0, -1.0, 1.0]
+                    rest = turned_back(joint.rest)
                     turned = quaternion_product(quaternion_product(made.values[-1:], rest), before.values[-1])
                     made = replace(made, values=np.concatenate([made.values[:1], turned]))
                 channels[joint.node] = made
