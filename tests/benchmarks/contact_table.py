@@ -15,7 +15,6 @@ an installed one is.
 """
 
 import argparse
-import csv
 import json
 import os
 import resource
@@ -24,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import partial
 from math import isnan
 from pathlib import Path
@@ -36,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
-from rows import readme_with  # noqa: E402
+from rows import add_records, readme_with, records  # noqa: E402
 
 from kit.asset import Asset, Json  # noqa: E402
 from kit.characters import CHARACTERS  # noqa: E402
@@ -278,26 +277,6 @@ def compile_program(program: Path) -> None:
     subprocess.run(command, check=True)
 
 
-def recorded() -> list[Measured]:
-    """The rows of contact.csv."""
-    if not RESULTS.exists():
-        return []
-    with RESULTS.open(encoding="utf-8", newline="") as file:
-        return [
-            Measured(**{each.name: each.type(row[each.name]) for each in fields(Measured)})  # type: ignore[operator]
-            for row in csv.DictReader(file)
-        ]
-
-
-def record(rows: Sequence[Measured]) -> None:
-    """Write rows into contact.csv, over those of the same state and case."""
-    fresh = {(row.state, row.case): row for row in [*recorded(), *rows]}
-    with RESULTS.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [each.name for each in fields(Measured)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in fresh.values())
-
-
 def readme_table(rows: Sequence[Measured]) -> str:
     """README's table: each case in the last state, and what contact left and took in the first one."""
     words = {name: case.what for name, case in cases(HERE).items()}
@@ -331,7 +310,7 @@ def _marked(text: str, held: bool) -> str:
 def write_readme(to: Path = README) -> None:
     """Make README's table anew from contact.csv."""
     page = README.read_text(encoding="utf-8")
-    to.write_text(readme_with(page, readme_table(recorded()), _MARKERS), encoding="utf-8")
+    to.write_text(readme_with(page, readme_table(records(RESULTS, Measured)), _MARKERS), encoding="utf-8")
 
 
 def main() -> int:
@@ -362,7 +341,7 @@ def main() -> int:
             flush=True,
         )
         if options.state:
-            record([row])
+            add_records(RESULTS, [row], ("state", "case"))
     if options.state:
         write_readme()
     return 0 if all(row.held for row in rows) else 1

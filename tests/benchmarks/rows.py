@@ -8,13 +8,15 @@ import csv
 import math
 import os
 import platform
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from datetime import date
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
+T = TypeVar("T")
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.csv"
 README = HERE / "README.md"
@@ -152,6 +154,24 @@ def record(release: str, rows: list[Row]) -> None:
         writer = csv.DictWriter(file, names, restval="")
         writer.writeheader()
         writer.writerows([*old, entry])
+
+
+def records(path: Path, kind: type[T]) -> list[T]:
+    """The rows of a table of dataclasses of one kind; none if there is no file."""
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return [kind(**{each.name: each.type(row[each.name]) for each in fields(kind)}) for row in csv.DictReader(file)]  # type: ignore
+
+
+def add_records(path: Path, rows: Sequence[Any], keys: Sequence[str]) -> None:
+    """Write dataclasses of one kind into a table, over rows that have the same `keys`."""
+    every = [*records(path, type(rows[0])), *rows]
+    fresh = {tuple(getattr(row, key) for key in keys): row for row in every}
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, [each.name for each in fields(rows[0])], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in fresh.values())
 
 
 def _processor() -> str:

@@ -82,6 +82,17 @@ def treated_crossings(
     return _counts(trees, rest, file.pose(mesh, clip, times)[:, firsts], marked)
 
 
+def own_crossings(
+    file: Gltf, mesh: str | int, clip: str, times: Floats, *, without: Sequence[int] = ()
+) -> NDArray[np.int64]:
+    """(times,) edges of a mesh that pass through its own triangles, without some of the morph targets."""
+    places = file.attribute(mesh, "POSITION")
+    firsts, welded = _welded(places)
+    trees = Crossings.of(places[firsts], _whole(welded[file.triangles(mesh)]))
+    posed = file.pose(mesh, clip, times, without=without)[:, firsts]
+    return np.array([len(trees.at(positions)[0]) for positions in posed])
+
+
 def _faults(one: Gltf, other: Gltf, report: Report, mesh: str, clip: str, radius: float) -> Iterator[str]:
     times = moments(one, clip, _MOMENTS)
     rest = one.attribute(mesh, "POSITION")
