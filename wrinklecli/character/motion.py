@@ -10,7 +10,7 @@ import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.rig import Rig
-from wrinklecli.numeric.arrays import Floats, cross
+from wrinklecli.numeric.arrays import Floats
 
 MOST_TURN = 150.0
 """Most degrees by which a joint turns to either side, as a knee and an elbow do."""
@@ -49,11 +49,11 @@ def held_at(clip: Clip, time: Floats) -> list[Channel]:
     return [replace(each, times=_FROM_START_TO_END, values=held, interpolation="LINEAR") for each, held in pairs]
 
 
-def quaternion_product(turns: Floats, stored: Floats) -> Floats:
-    """(n, 4) products of (n, 4) quaternions, x, y, z and w, with a (4,) one, which acts first."""
-    vectors, reals = turns[:, :3], turns[:, 3:]
-    imaginary = reals * stored[:3] + stored[3] * vectors + np.stack(cross(vectors.T, stored[:3, None]), axis=1)
-    return np.concatenate([imaginary, reals * stored[3] - vectors @ stored[:3, None]], axis=1)
+def quaternion_product(turns: Floats, first: Floats) -> Floats:
+    """(n, 4) products of (n, 4) quaternions, x, y, z and w, with those that act first: (n, 4), or (4,) for all."""
+    a, b, s, t = turns[:, :3], first[..., :3], turns[:, 3:], first[..., 3:]
+    reals = s * t - np.sum(a * b, axis=1, keepdims=True)
+    return np.concatenate([s * b + t * a + np.cross(a, b), reals], axis=1)
 
 
 def turned_back(turns: Floats) -> Floats:

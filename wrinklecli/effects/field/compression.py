@@ -9,7 +9,7 @@ ACM Transactions on Graphics 27(4), 2008.
 
 import numpy as np
 
-from wrinklecli.character.motion import turned_back
+from wrinklecli.character.motion import quaternion_product, turned_back
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, cross, dot, face_normals, unit
 
@@ -28,7 +28,7 @@ def rigid_parts(matrices: Floats, to_bind: Floats) -> tuple[Floats, Floats]:
     turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
     real = _quaternions(turns)
     shift = np.concatenate([moved[:, :3, 3], np.zeros((len(moved), 1))], axis=1)
-    return real, 0.5 * _product(shift, real)
+    return real, 0.5 * quaternion_product(shift, real)
 
 
 def _quaternions(turns: Floats) -> Floats:
@@ -48,13 +48,6 @@ def _quaternions(turns: Floats) -> Floats:
     return found * np.where(found[:, 3:] < 0, -1.0, 1.0)
 
 
-def _product(one: Floats, other: Floats) -> Floats:
-    """(…, 4) products of quaternions x, y, z, w."""
-    a, b, s, t = one[..., :3], other[..., :3], one[..., 3:], other[..., 3:]
-    real = s * t - np.sum(a * b, axis=-1, keepdims=True)
-    return np.concatenate([s * b + t * a + np.cross(a, b), real], axis=-1)
-
-
 def posed_rigidly(positions: Floats, joints: Ints, weights: Floats, parts: tuple[Floats, Floats]) -> Floats:
     """(vertices, 3) positions moved by blended dual quaternions, with (vertices, influences) joints and weights."""
     real, dual = parts
@@ -65,7 +58,7 @@ def posed_rigidly(positions: Floats, joints: Ints, weights: Floats, parts: tuple
     one, other = one / size, other / size
     axis, twice = one[:, :3], 2.0 * np.cross(one[:, :3], positions)
     turned = positions + one[:, 3:] * twice + np.cross(axis, twice)
-    return np.asarray(turned + 2.0 * _product(other, turned_back(one))[:, :3])
+    return np.asarray(turned + 2.0 * quaternion_product(other, turned_back(one))[:, :3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
