@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from wrinklecli.errors import AssetError, BakeError, listed, nearest
+from wrinklecli.errors import AssetError, BakeError, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import has_target_names, target_count
 from wrinklecli.gltf.document import Document
@@ -122,8 +122,7 @@ class Rig(Hierarchy):
             BakeError: The mesh has none.
         """
         if name not in self.morph_names:
-            known = f"{nearest(name, self.morph_names)}; it has {listed(self.morph_names)}"
-            raise BakeError(f"the mesh has no morph target {name!r}{known}", where=where)
+            raise BakeError(unknown("the mesh has no morph target", name, self.morph_names), where=where)
         return self.morph_names.index(name)
 
     @property

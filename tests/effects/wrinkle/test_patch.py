@@ -53,7 +53,7 @@ def test_problems_of_all_tools_are_reported_at_once() -> None:
     assert len(lines) == 4
     assert "tools[0].origin: is" in lines[0]
     assert "tools[2].target.marker: no node is named 'join_1'; did you mean 'joint_1'?" in lines[1]
-    assert "tools[3].rest_length.morph: the mesh has no morph target 'smile'; it has 'morph_0'" in lines[2]
+    assert "tools[3].rest_length.morph: the mesh has no morph target 'smile'; there are 'morph_0'" in lines[2]
     assert "tools[4]" in lines[3]
 
 
