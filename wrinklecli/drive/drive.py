@@ -391,12 +391,10 @@ def _segment_json(segment: Segment, names: Sequence[str], morph_names: Sequence[
 def _read_segment(data: Json, nodes: Mapping[str, int], morph_names: Sequence[str]) -> Segment:
     points = tuple(read_point(anchor, nodes, morph_names) for anchor in anchors_of(data))
     morph, constant = data.get("rest_length_morph"), read_number(data["rest_length"])
-    keys = {clip: read_numbers(each, -1, 2) for clip, each in data.get("rest_length_keys", {}).items()}
+    keys = read_keys(data, 2, "rest_length_keys")
     full = read_number(morph["full"]) if morph else constant
     lengths = [constant, full, *(x for each in keys.values() for x in each[:, 1])]
-    if len(points) < 2 or any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
-        raise ValueError
-    if not all(length > 0 for length in lengths):
+    if len(points) < 2 or not all(length > 0 for length in lengths):
         raise ValueError
     there = morph is not None and str(morph["name"]) in morph_names
     follows = (list(morph_names).index(str(morph["name"])), full) if morph and there else None

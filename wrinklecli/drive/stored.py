@@ -51,13 +51,13 @@ def read_spring(data: Json) -> tuple[float, float]:
     return frequency, damping
 
 
-def read_keys(data: Json, columns: int) -> dict[str, Floats]:
-    """The `keys` of clips in extras, if there are such: (keys, columns) times and what is there.
+def read_keys(data: Json, columns: int, name: str = "keys") -> dict[str, Floats]:
+    """The keys of clips in extras, if there are any of a name: (keys, columns) times and what is there.
 
     Raises:
         ValueError: A clip has none, or their times do not rise.
     """
-    keys = {clip: read_numbers(each, -1, columns) for clip, each in data.get("keys", {}).items()}
+    keys = {clip: read_numbers(each, -1, columns) for clip, each in data.get(name, {}).items()}
     if any(not len(each) or not (np.diff(each[:, 0]) > 0).all() for each in keys.values()):
         raise ValueError
     return keys
