@@ -177,15 +177,15 @@ class Remixes(ABC):
     def with_fewest_targets(
         self,
         effect: "Effect",
-        plan: MeshPlan,  # noqa: ARG002
-        tolerance: float,  # noqa: ARG002
+        _plan: MeshPlan,
+        _tolerance: float,
         *,
         at_once: bool,  # noqa: ARG002
     ) -> "Effect":
         """The effect with the fewest targets, or the fewest `at_once`, within a tolerance, scene units."""
         return effect
 
-    def with_at_most(self, effect: "Effect", most: int) -> "Effect":  # noqa: ARG002
+    def with_at_most(self, effect: "Effect", _most: int) -> "Effect":
         """An effect of its main targets alone, so many at most; the same one if it needs all of them."""
         return effect
 
@@ -398,7 +398,7 @@ class EffectKind(ABC, Generic[ToolType, AttachedOfKind]):
             WrinkleError: Tools do not fit, a line for each.
         """
 
-    def bound(self, attached: Sequence[AttachedOfKind], ground: Ground) -> Sequence[AttachedOfKind]:  # noqa: ARG002
+    def bound(self, attached: Sequence[AttachedOfKind], _ground: Ground) -> Sequence[AttachedOfKind]:
         """Let tools that are attached end where features of the surface and masks end them.
 
         Raises:
@@ -407,21 +407,16 @@ class EffectKind(ABC, Generic[ToolType, AttachedOfKind]):
         return attached
 
     def sketch(
-        self,
-        attached: AttachedOfKind,  # noqa: ARG002
-        region: int,  # noqa: ARG002
-        fine: Refinement,  # noqa: ARG002
-        pinned: Bools,  # noqa: ARG002
-        before: Part | None = None,  # noqa: ARG002
+        self, _attached: AttachedOfKind, _region: int, _fine: Refinement, _pinned: Bools, _before: Part | None = None
     ) -> Part | None:
         """Let a refined surface carry a tool of this kind quickly, as while someone drags it.
 
         Args:
-            attached: The tool.
-            region: The number of its first region.
-            fine: The surface, which may have been refined for another tool.
-            pinned: (coarse vertices,) True for those that must not move.
-            before: The same tool on this surface as it was, whose shapes may serve again.
+            _attached: The tool.
+            _region: The number of its first region.
+            _fine: The surface, which may have been refined for another tool.
+            _pinned: (coarse vertices,) True for those that must not move.
+            _before: The same tool on this surface as it was, whose shapes may serve again.
 
         Returns:
             None for an effect that moves the body with its rig.
@@ -431,7 +426,7 @@ class EffectKind(ABC, Generic[ToolType, AttachedOfKind]):
         """
         return None
 
-    def driven_by(self, attached: AttachedOfKind, tool: ToolType) -> AttachedOfKind:  # noqa: ARG002
+    def driven_by(self, attached: AttachedOfKind, _tool: ToolType) -> AttachedOfKind:
         """The same for another entry of the tool that changes its drive alone; where none does, the tool itself."""
         return attached
 
