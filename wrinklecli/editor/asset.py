@@ -27,7 +27,7 @@ from wrinklecli.character.skin import Skin, prepare
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, AttachedTools, Cluster, PlayableMesh
 from wrinklecli.editor.clip_cache import ClipCache, RecentResults
 from wrinklecli.effects.attached import AnyAttached, Moves
-from wrinklecli.effects.plan import attach_one, driven_by, plan_on, sketch
+from wrinklecli.effects.plan import attach_one, kind_of, plan_on, sketch
 from wrinklecli.errors import BakeError, WrinkleError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
@@ -226,7 +226,7 @@ class LoadedAsset:
         # Strengths change the drive of a field alone.
         whole = replace(plain, strength=1.0, clips={})
         measured = self._patches.get_or_make((whole, ground), lambda: attach_one(tool, ground, settings))
-        return self._patches.get_or_make((plain, measured), lambda: driven_by(measured, plain))
+        return self._patches.get_or_make((plain, measured), lambda: kind_of("fields").driven_by(measured, plain))
 
     def _planned(
         self, ground: Ground, patches: Sequence[AnyAttached], settings: ToolsFile, problems: dict[str, str]

@@ -241,10 +241,6 @@ class AttachedTool:
         near = abs(float((place - region.path.middle) @ region.path.normal)) < region.span
         return bool(near and 0 <= u <= 1 and abs(v) <= 1)
 
-    def control_curve(self, cache: ClipCache, clip: Clip | None, time: float) -> Floats:
-        """(points, 2) place along the control curve and height above it at a time, scene units."""
-        return self.part.cut(clip, cache.numbers_at(self.ground, self.part, clip, time))
-
     def heights(self, cache: ClipCache, clip: Clip) -> tuple[Floats, Floats]:
         """(frames,) seconds of a clip, and (frames,) height of the highest bump, scene units."""
         numbers = cache.numbers(self.ground, self.part, clip)

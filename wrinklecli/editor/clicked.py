@@ -85,11 +85,6 @@ def _muscle(clicked: Clicked) -> dict[str, Any]:
     return values
 
 
-def _flesh(clicked: Clicked) -> dict[str, Any]:
-    """A region round a place that reaches to another one."""
-    return {"at": clicked.at(0), "radius": significant(clicked.span, 3)}
-
-
 def _touch(clicked: Clicked) -> dict[str, Any]:
     """A touch whose tip drags the skin from a place to another one, in the shown clip; else a player may do so."""
     # The pad from whose usual grip such a slide comes.
@@ -135,7 +130,7 @@ NEW_KINDS: Mapping[str, NewKind] = {
         ("Click the middle of flesh that swings.", "Now click how far it reaches."),
         False,
         "play a clip that moves the body, and move its sliders",
-        _flesh,
+        lambda clicked: {"at": clicked.at(0), "radius": significant(clicked.span, 3)},
     ),
     "touches": NewKind(
         "Touch",

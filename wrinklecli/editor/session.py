@@ -421,7 +421,10 @@ class Session(Edits):
         """(points, 2) of a tool's control curve at a moment, scene units; None if the tool does not fit."""
         with self._guarded():
             found = self._attached().tools.get(tool)
-            return None if found is None else found.control_curve(self._loaded.cache, self._clip(clip), time)
+            if found is None:
+                return None
+            at = self._clip(clip)
+            return found.part.cut(at, self._loaded.cache.numbers_at(found.ground, found.part, at, time))
 
     def heights(self, tool: str, clip: str) -> tuple[Floats, Floats] | None:
         """(frames,) seconds, and (frames,) the greatest height of a tool at each, scene units.

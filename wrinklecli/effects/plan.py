@@ -138,11 +138,6 @@ def sketch(
     return kind_of(attached.tool.sections[0]).sketch(attached, region, fine, pinned, before)
 
 
-def driven_by(attached: AnyAttached, tool: EffectTool) -> AnyAttached:
-    """A tool that is attached, for another entry of it, as `EffectKind.driven_by` does."""
-    return kind_of(tool.sections[0]).driven_by(attached, tool)
-
-
 def skin_parts(plan: MeshPlan) -> list[Part]:
     """The effects that move the skin of a refined mesh after those below it, whose moves the rig has."""
     return [part for part in plan.parts if part.attached.moves is None]

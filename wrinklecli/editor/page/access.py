@@ -65,7 +65,8 @@ class Access:
             port: The port of the page.
         """
         host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-        if host is None or not self._is_known(host[1]):
+        names = {"localhost", *map(str.lower, (self.host, *self.names))}
+        if host is None or not (_is_address(host[1].strip("[]")) or host[1].lower() in names):
             return "this page has another name; --allow-host NAME lets it be asked for by NAME"
         if origins and (len(origins) > 1 or not _is_same(origins[0], host)):
             return "another site asks for this page"
@@ -79,10 +80,6 @@ class Access:
         if not any(secrets.compare_digest(each.encode(errors="surrogateescape"), token) for each in found):
             return "this page opens at the whole address that the command has printed, with its token"
         return None
-
-    def _is_known(self, host: str) -> bool:
-        """True if the page may be asked for by the host of a `Host` header."""
-        return _is_address(host.strip("[]")) or host.lower() in {"localhost", *map(str.lower, (self.host, *self.names))}
 
 
 def is_own(host: str) -> bool:

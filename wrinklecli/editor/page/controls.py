@@ -35,13 +35,7 @@ class ToolControls:
     `change` is called when the user has set a value.
     """
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        change: Change,
-        clips: Sequence[str],
-        list_key: str = "tools",
-    ) -> None:
+    def __init__(self, gui: viser.GuiApi, change: Change, clips: Sequence[str], list_key: str) -> None:
         self._gui, self._visible = gui, True
 
         def change_shown(steps: Steps, value: Any, mode: SetMode) -> None:

@@ -74,7 +74,7 @@ def serve(access: Access, port: int) -> viser.ViserServer:
     loop = server.get_event_loop()
     loop.call_soon_threadsafe(loop.set_exception_handler, lambda _loop, _context: None)
     # A tab could ask for a tunnel that opens this page to the whole internet.
-    server.request_share_url = _refuse_tunnel  # type: ignore[method-assign]
+    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]  # noqa: ARG005
     return server
 
 
@@ -117,10 +117,6 @@ def _sendable(value: Any) -> Any:
     if isinstance(value, dict):
         return {_sendable(key): _sendable(each) for key, each in value.items()}
     return type(value)(map(_sendable, value)) if type(value) in (list, tuple) else value
-
-
-def _refuse_tunnel(verbose: bool = True) -> None:
-    """Open no tunnel."""
 
 
 def _free_port(host: str, port: int) -> int:
