@@ -113,7 +113,8 @@ def _for_asset(document: Document, anim: Document, clips: Sequence[Clip]) -> tup
                 if node not in meshes:
                     rig = read_rig(document, node)
                     meshes[node] = rig.morph_names, rig.morph_weights
-                moved = _weights(channel, _target_names(anim, channel.node), node, *meshes[node])
+                theirs = morph_target_names(anim.items("meshes")[anim.items("nodes")[channel.node]["mesh"]])
+                moved = _weights(channel, theirs, node, *meshes[node])
             elif node is not None:
                 moved = replace(channel, node=node)
             if moved is None:
@@ -250,10 +251,6 @@ def _names_above(nodes: Sequence[Json], index: int, parents: Ints) -> list[str]:
     """The names of a node and of those above it, up to the first without a name."""
     names = (nodes[each].get("name", "") for each in islice(upwards(parents, index), _MOST_NAMES))
     return [*takewhile(bool, names)]
-
-
-def _target_names(document: Document, node: int) -> list[str]:
-    return morph_target_names(document.items("meshes")[document.items("nodes")[node]["mesh"]])
 
 
 def _weights(

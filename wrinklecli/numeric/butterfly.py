@@ -55,7 +55,7 @@ def butterfly(triangles: Ints, ends: Ints, vertex_count: int, creased: Bools) ->
     end_weights[(valences == 6).all(axis=1)] = 1.0
 
     border = (fans.border_counts[ends] == 2) & ~creased[ends]
-    border = border.all(axis=1) & fans.is_border(ends)
+    border = border.all(axis=1) & among(ends[:, 0] * fans.vertex_count + ends[:, 1], fans.border_keys)
     plain = (end_weights.sum(axis=1) == 0.0) & ~border
     edges = np.arange(len(ends))
     beyond = fans.border_sums[ends[border]] - ends[border][:, ::-1]
@@ -115,10 +115,6 @@ class _Fans:
     border_counts: Ints
     border_sums: Ints
     border_keys: Ints
-
-    def is_border(self, ends: Ints) -> Bools:
-        """(n,) True where an edge of (n, 2) ends has exactly one face."""
-        return among(ends[:, 0] * self.vertex_count + ends[:, 1], self.border_keys)
 
     def rings(self, vertices: Ints, firsts: Ints, valence: int) -> Ints:
         """(n, valence) vertices round each of (n,) closed fans, beginning with (n,) `firsts`."""

@@ -171,7 +171,8 @@ class SpringResponse:
         elapsed = held - self.begins[which]
         y, u = self.states[which].transpose(1, 0, 2)
         cosine, sine = (each[:, None] for each in self.spring.decay(self.spring.speed * elapsed))
-        answer = _polynomial(self.powers[which], (elapsed / self.spans[which])[:, None])
+        fractions = (elapsed / self.spans[which])[:, None]
+        answer = polynomial.polyval(fractions, self.powers[which].transpose(1, 0, 2), tensor=False)
         return np.asarray(answer + cosine * y + sine * (u + self.spring.damping * y))
 
 
@@ -241,11 +242,6 @@ def _transitions(cosines: Floats, sines: Floats, damping: float) -> Floats:
     """(…, 2, 2) matrices by which `Spring.decay` changes y and u."""
     rows = [[cosines + damping * sines, sines], [-sines, cosines - damping * sines]]
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-
-def _polynomial(powers: Floats, fractions: Floats) -> Floats:
-    """(pieces, values) values of (pieces, 5, values) polynomials at (pieces, 1) fractions of the pieces."""
-    return np.asarray(polynomial.polyval(fractions, powers.transpose(1, 0, 2), tensor=False))
 
 
 def positive(signal: Quartics) -> Quartics:

@@ -47,11 +47,6 @@ class Layout:
     tangents: Floats
     hands: Floats
 
-    @property
-    def transform_json(self) -> Json:
-        """The transform for maps.json."""
-        return {"KHR_texture_transform": self.transform} if self.transform else {}
-
     def textured(self, plan: MeshPlan, side: int) -> Textured:
         """The corners of its triangles, for a texture with so many samples of a side."""
         triangles, steps = plan.fine.triangles[self.faces], texture_steps(self.uvs, side)

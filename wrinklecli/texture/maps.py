@@ -241,7 +241,8 @@ def make_maps(
                 ]
                 if sets:
                     described = {"name": name, "material": layout.material, "node": plan.rig.node_name}
-                    materials.append({**described, "texCoord": layout.texcoord, **layout.transform_json, "sets": sets})
+                    transform = {"KHR_texture_transform": layout.transform} if layout.transform else {}
+                    materials.append({**described, "texCoord": layout.texcoord, **transform, "sets": sets})
         if not materials:
             raise BakeError("no map can be made: no texel lies under its wrinkles", where=job.document.path)
         data = {

@@ -84,11 +84,8 @@ def disc_on(rest: Rest, place: Place, radius: float, intervals: float, height: f
     distances, _ = place.polar(corners)
     longest = np.sqrt(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2)).max(axis=1)
     normals = unit(face_normals(rest.positions, rest.triangles))
-    facing = np.abs(normals @ place.axes[2]) if not _outward(rest) else normals @ place.axes[2]
+    facing = normals @ place.axes[2]
+    if np.median(np.linalg.det(rest.blended[:, :, :3])) <= 0:  # a pose that mirrors the mesh turns it inside out
+        facing = np.abs(facing)
     near = (distances.min(axis=1) < radius + longest) & (facing > 0) & (still[rest.triangles] < 1).any(axis=1)
     return Disc(place, radius, intervals, height, np.flatnonzero(near), rest)
-
-
-def _outward(rest: Rest) -> bool:
-    """True unless the rest pose mirrors the mesh, which turns the winding inside out."""
-    return bool(np.median(np.linalg.det(rest.blended[:, :, :3])) > 0)

@@ -92,7 +92,9 @@ def plan_views(
         boxes.append(box)
         progress("posing", number + 1, len(moments))
     centres = np.zeros((len(moments), 3))
-    if options.follow or (options.focus is None and not options.grid and _travels(np.array(boxes))):
+    # What goes further than it is large would look small.
+    goes_far = np.ptp(np.mean(boxes, axis=1), axis=0).max() > np.ptp(boxes, axis=1).max()
+    if options.follow or (options.focus is None and not options.grid and goes_far):
         centres[:] = middles
     if options.focus is not None:
         centres[:] = options.focus
@@ -143,11 +145,6 @@ def _wrinkles(assets: Sequence[ShownAsset], moments: Sequence[Moment]) -> _Wrink
     greatest = max((float(each.max(initial=0.0)) for amounts in found for each in amounts), default=0.0)
     masks = [[each > LEAST_WRINKLE * greatest for each in amounts] for amounts in found]
     return _Wrinkles(masks, most if greatest > 0 else None)
-
-
-def _travels(boxes: Floats) -> bool:
-    """True if the middle of (moments, 2, 3) boxes goes further than the largest of them is, so that all look small."""
-    return bool(np.ptp(boxes.mean(axis=1), axis=0).max() > np.ptp(boxes, axis=1).max())
 
 
 def _points_to_frame(
