@@ -18,7 +18,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, determinants, distinct_values, dot
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, determinants, distinct_values, dot, renumbered
 from wrinklecli.numeric.portions import portions
 
 # Numbers of a vertex in a pose: its matrix, and its places.
@@ -289,8 +289,8 @@ class SkinnedMesh:
 
     def part(self, chosen: Bools) -> Self:
         """The mesh with the chosen (triangles,) and their vertices only."""
-        vertices, local = np.unique(self.triangles[chosen], return_inverse=True)
-        return replace(self, skin=self.skin.of(vertices), triangles=local.reshape(-1, 3))
+        vertices, local = renumbered(self.triangles[chosen])
+        return replace(self, skin=self.skin.of(vertices), triangles=local)
 
     def posed(
         self, clip: Clip | None, times: Floats, *, weights: Floats | None = None, offsets: Floats | None = None

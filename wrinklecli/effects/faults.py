@@ -21,6 +21,7 @@ from wrinklecli.numeric.arrays import (
     distinct_values,
     dot,
     face_normals,
+    renumbered,
     vertex_normals,
 )
 from wrinklecli.surface.refine import Refinement
@@ -83,20 +84,18 @@ def count_turned_over(part: Part, fine: Refinement, rig: Rig, clip: Clip | None,
     """Count the triangles that an effect turns over at a moment of a clip, or in the stored pose if `clip` is None."""
     times = np.array([time])
     own = fine.triangles[fine.around.faces_of(part.vertices)]
-    used, faces = np.unique(fine.triangles[fine.around.faces_of(distinct_values(own))], return_inverse=True)
+    used, faces = renumbered(fine.triangles[fine.around.faces_of(distinct_values(own))])
     moves = np.zeros((1, len(used), 3))
     moves[:, np.searchsorted(used, part.vertices)] = part.displacements(fine, rig, clip, times)
     mesh = fine.skinned(rig, used)
     skinned, matrices = mesh.carried(clip, times)
     wrinkled = skinned + np.einsum("fvij,fvj->fvi", matrices, moves)
-    shown, faces = np.searchsorted(used, own), faces.reshape(-1, 3)
-    before, after = (_turned_over(each[0], shown, faces) for each in (skinned, wrinkled))
+    shown = np.searchsorted(used, own)
+    before, after = (
+        turned_over(shown, face_normals(each[0], shown).T, vertex_normals(each[0], faces).T)
+        for each in (skinned, wrinkled)
+    )
     # Where the surface is inside out, by the normals that joints carry, it is hidden behind what it has passed through.
     outwards = np.sign(determinants(matrices[0]))[:, None] * carried_normals(matrices[0], fine.normals_at(used))
     hidden = turned_over(shown, face_normals(skinned[0], shown).T, outwards.T)
     return int((after & ~before & ~hidden).sum())
-
-
-def _turned_over(positions: Floats, triangles: Ints, around: Ints) -> Bools:
-    """(triangles,) True if turned over, by the normals of all the triangles `around` their corners."""
-    return turned_over(triangles, face_normals(positions, triangles).T, vertex_normals(positions, around).T)

@@ -16,7 +16,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import EXTENSION, channels_of, has_target_names, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Ints
+from wrinklecli.numeric.arrays import Ints, renumbered
 
 # Extensions of a node that apply to its mesh; others, such as lights, would be there twice.
 _OF_MESHES = ("KHR_node_visibility", "EXT_mesh_gpu_instancing")
@@ -67,7 +67,7 @@ def split_node(edited: EditedDocument, node: int, parts: Sequence[Part]) -> list
             if alone:
                 made = divided.whole(targets)
             else:
-                rows, corners = np.unique(triangles, return_inverse=True)
+                rows, corners = renumbered(triangles)
                 made = divided.take(rows, corners, targets)
             primitives[k].append(_with_targets(made, targets))
         divided.drop_left_over()

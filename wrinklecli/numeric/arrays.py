@@ -132,6 +132,12 @@ def distinct_values(values: Array) -> Array:
     return ordered[fresh]
 
 
+def renumbered(values: Ints) -> tuple[Ints, Ints]:
+    """The distinct values of an array, sorted, and for each of its values the number among these, in its shape."""
+    distinct, numbers = np.unique(values, return_inverse=True)
+    return distinct, numbers.reshape(values.shape)  # which numpy 1 and 2.0 leave flat
+
+
 def median(values: Floats) -> Floats:
     """(…) medians of (n, …) values along the first axis.
 

@@ -15,14 +15,12 @@ import numpy as np
 
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, among, any_of, cross, dot, flags_of
-from wrinklecli.numeric.edges import Edges
+from wrinklecli.numeric.edges import STEP, Edges
 
 # Least cosine between the normals of a face before and after.
 _LEAST_COSINE = 0.5
 # Height of a face over its longest side, below which none becomes narrower: what is more slender is seen as a scratch.
 _NARROW = 0.15
-# Steps of lengths: rounding errors decide neither what goes first nor what is too long.
-_STEP = 2.0**-20
 # Part of a face's area by which a place may lie beside it: midpoints lie on its sides but for rounding errors.
 _BESIDE = 1e-3
 
@@ -104,7 +102,7 @@ class _Moves:
         face, corner = np.nonzero(waiting[triangles])
         # The faces of a vertex go round it, so each neighbour is the second corner of one of them.
         fans = triangles[face[:, None], (corner[:, None] + np.arange(3)) % 3]
-        sizes = np.rint(lengths(fans[:, :2]) / _STEP)
+        sizes = np.rint(lengths(fans[:, :2]) / STEP)
         order = np.lexsort((fans[:, 1], sizes, fans[:, 0]))
         fans, sizes = fans[order], sizes[order]
         vertices, firsts, counts = np.unique(fans[:, 0], return_index=True, return_counts=True)
@@ -130,7 +128,7 @@ class _Moves:
     ) -> Bools:
         """(moves,) True for those after which the surface is as good."""
         count = len(self.vertices)
-        fails = flags_of(self.of_links[lengths(self.links) > 1.0 + _STEP], count)
+        fails = flags_of(self.of_links[lengths(self.links) > 1.0 + STEP], count)
         faces = np.flatnonzero(~fails[self.of_faces])
         of_faces = self.of_faces[faces]
         shapely, near = _replaced(positions, self.faces[faces], self.targets[of_faces], tolerance)

@@ -12,10 +12,10 @@ from collections.abc import Callable
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of
+from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of, renumbered
 
-# Part of its length by which a diagonal must be shorter: rounding errors turn none.
-_SHORTER = 1e-6
+STEP = 2.0**-20
+"""Part of a length by which others must differ to count as shorter or longer: rounding errors decide nothing."""
 # Least part of the area of two triangles that each has: a refined triangle and the one beside it have a quarter or
 # more, and what is narrower has hardly a normal.
 _NARROWEST = 0.125
@@ -25,8 +25,8 @@ def numbered_edges(triangles: Ints) -> tuple[Ints, Ints]:
     """The first two attributes of `Edges`, for (faces, 3) vertices."""
     following, count = np.roll(triangles, -1, axis=1), int(triangles.max(initial=-1)) + 1
     keys = np.minimum(triangles, following) * count + np.maximum(triangles, following)
-    edges, of_faces = np.unique(keys.reshape(-1), return_inverse=True)
-    return np.stack(np.divmod(edges, max(count, 1)), axis=1), of_faces.reshape(triangles.shape)
+    edges, of_faces = renumbered(keys)
+    return np.stack(np.divmod(edges, max(count, 1)), axis=1), of_faces
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def turn_diagonals(triangles: Ints, positions: Floats, lengths: Callable[[Ints],
         a, b, c, d = positions.T[:, quads.T].swapaxes(0, 1)
         across = np.array(cross(c - a, d - b))
         flat = np.abs(dot(across, b - a)) <= tolerance * np.linalg.norm(across, axis=0)
-        turns = flat & (before - after > _SHORTER * before) & (parts >= _NARROWEST).all(axis=1)
+        turns = flat & (before - after > STEP * before) & (parts >= _NARROWEST).all(axis=1)
         turned = _apart(np.where(turns, before - after, 0.0), faces, len(found))
         if not turned.any():
             return found

@@ -22,7 +22,7 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, renumbered
 from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.sparse import Matrix
 
@@ -62,8 +62,8 @@ class Level:
 
     def of_midpoints(self, edges: Ints, coarse: Floats) -> Floats:
         """(edges, …) linear mixtures of (coarse vertices, …) values at the midpoints of some edges."""
-        vertices, ends = np.unique(self.edges[edges], return_inverse=True)
-        a, b = self.of_vertices(vertices, coarse)[ends.reshape(-1, 2).T]
+        vertices, ends = renumbered(self.edges[edges])
+        a, b = self.of_vertices(vertices, coarse)[ends.T]
         return np.asarray((a + b) / 2.0)
 
 

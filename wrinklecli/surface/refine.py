@@ -32,6 +32,7 @@ from wrinklecli.numeric.arrays import (
     distinct_values,
     flags_of,
     inverses,
+    renumbered,
     unit,
     vertex_normals,
 )
@@ -186,7 +187,7 @@ class Refinement:
         if self.subdivision.linear is None:
             return pose.normals_at(vertices)
         rows = self.subdivision.linear.chosen(vertices)
-        used, columns = np.unique(rows.columns, return_inverse=True)
+        used, columns = renumbered(rows.columns)
         return unit(replace(rows, columns=columns, column_count=len(used)) @ pose.normals_at(used))
 
     @cached_property
@@ -507,8 +508,8 @@ def _edges_at_masks(level: Level, laid: Sequence[_Laid], surface: Surface, setti
             faces = children(level.parents, region.members)
             errors = region.mask.errors(surface.corners[level.parents[faces]], level.barycentrics[faces], level.number)
             faces, errors = faces[errors > _MASK_ERROR], errors[errors > _MASK_ERROR]
-            edges, at = np.unique(level.triangle_edges[faces], return_inverse=True)
-            shares = _greatest_shares(level, edges, region, places, turned, scratch)[at.reshape(-1, 3)]
+            edges, at = renumbered(level.triangle_edges[faces])
+            shares = _greatest_shares(level, edges, region, places, turned, scratch)[at]
             edges = level.triangle_edges[faces[errors * shares.max(axis=1) > _MASK_ERROR]]
             lengths = np.linalg.norm(np.diff(places[level.edges[edges]], axis=2), axis=3)[:, :, 0]
             wanted[edges[lengths > region.span * _greatest_step(region, settings) / _BORDERED]] = True

@@ -17,7 +17,7 @@ from wrinklecli.effects.sampling import sample_effects
 from wrinklecli.effects.shapes import turn_to
 from wrinklecli.errors import BakeError, TooMuchError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, inverses, renumbered, unit
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.fields import Field
@@ -150,7 +150,7 @@ class Relief:
         return np.concatenate(heights, axis=1), np.concatenate(slopes, axis=1)
 
     def _part(self, textured: Textured, faces: Ints, shares: Floats) -> tuple[Floats, Floats]:
-        used, rows = np.unique(faces, return_inverse=True)
+        used, rows = renumbered(faces)
         corners = textured.triangles[used].reshape(-1)
         at = np.minimum(np.searchsorted(self.vertices, corners), len(self.vertices) - 1)
         known = self.vertices[at] == corners

@@ -22,7 +22,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split_mesh import DividedPrimitive
-from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, unit
+from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, renumbered, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.texture.layout import TexCoords, frames_of, material_of, mikk_tangents, own_uvs, signed_areas
 from wrinklecli.texture.map_set import GUTTER
@@ -140,14 +140,14 @@ def _unwrap(job: Job, edited: EditedDocument, wrinkled: _Wrinkled, size: int) ->
         attributes, has_frames = dict(primitive["attributes"]), _may_have_tangents(job, primitive)
         # Its vertices keep their order; those that need several coordinates are repeated behind them.
         count = len(edited.source.stored(attributes["POSITION"]))
-        pairs, which = np.unique(corners * len(uvs) + of_faces[own], return_inverse=True)
+        pairs, which = renumbered(corners * len(uvs) + of_faces[own])
         vertices, coordinates = np.divmod(pairs, len(uvs))
         again = np.diff(vertices, prepend=-1) == 0
         made = primitive
         if again.any():
             order = np.concatenate([np.flatnonzero(~again), np.flatnonzero(again)])
             ranks = np.argsort(order)
-            vertices, coordinates, corners = vertices[order], coordinates[order], ranks[which].reshape(-1, 3)
+            vertices, coordinates, corners = vertices[order], coordinates[order], ranks[which]
             divided = DividedPrimitive(edited, primitive)
             made = divided.take(vertices, corners, range(len(primitive.get("targets", []))))
             of_vertices = uvs[coordinates]
@@ -245,10 +245,10 @@ def _charts(wrinkled: _Wrinkled, frames: Floats, size: int) -> tuple[Ints, Float
     groups = np.split(order, np.flatnonzero(np.diff(pieces[order])) + 1)
     atlas = xatlas.Atlas()
     for group in groups:
-        vertices, corners = np.unique(fine.surface.triangles[faces[group]], return_inverse=True)
+        vertices, corners = renumbered(fine.surface.triangles[faces[group]])
         places = fine.rest_positions[vertices]
         measured = (places - places.mean(axis=0)) / wrinkled.widths[faces[group]].min()
-        atlas.add_mesh(measured.astype(np.float32), corners.reshape(-1, 3).astype(np.uint32))
+        atlas.add_mesh(measured.astype(np.float32), corners.astype(np.uint32))
     packing = xatlas.PackOptions()
     packing.padding, packing.resolution = _PADDING, size - _FLAT
     atlas.generate(xatlas.ChartOptions(), packing)

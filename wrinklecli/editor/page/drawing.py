@@ -12,7 +12,7 @@ import numpy as np
 from wrinklecli.character.paints import Paint
 from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, renumbered, unit
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.intersections import zero_lines
 
@@ -168,8 +168,7 @@ def outline_of(
     region, surface = tool.region, mesh.ground.surface
     near = mesh.ground.rest.around.faces_of(distinct_values(surface.triangles[region.members]))
     around = np.flatnonzero(among(mesh.parents, near))
-    used, corners = np.unique(mesh.faces[around], return_inverse=True)
-    corners = corners.reshape(-1, 3)
+    used, corners = renumbered(mesh.faces[around])
     positions = mesh.positions_in(region.pose)[used]
     u, v = region.coordinates(positions)
     outward = np.flatnonzero(region.cosines(u[corners].mean(axis=1), unit(face_normals(positions, corners))) > 0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, renumbered, unit
 from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.laplacian import vertex_areas
 from wrinklecli.numeric.membrane import Membrane
@@ -193,8 +193,7 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
     """
     moving = hold.still < 1.0
     faces = np.flatnonzero(moving[triangles].any(axis=1))
-    used, corners = np.unique(triangles[faces], return_inverse=True)
-    corners = corners.reshape(-1, 3)
+    used, corners = renumbered(triangles[faces])
     found = np.zeros((2, *positions.shape))
     if not len(used):
         return found
@@ -207,7 +206,8 @@ def slides_of(place: Place, positions: Floats, triangles: Ints, hold: Hold) -> F
     axes = np.stack([forward, sideways])
     load = place.load(positions[used]) * np.clip(outward @ place.axes[2], 0.0, 1.0)
     membrane = Membrane(positions[used], corners, axes, hold.tethers[used], ~moving[used])
-    slides = membrane.slides(load[:, None] * _tangential(place.axes[:2], outward))
+    tangential = place.axes[:2, None] - (place.axes[:2] @ outward.T)[..., None] * outward
+    slides = membrane.slides(load[:, None] * tangential)
     masses = vertex_areas(positions[used], corners)
     weights = masses * np.where(place.polar(positions[used])[0] < place.pad, 1.0, 0.0)
     if not weights.any():
@@ -268,11 +268,6 @@ def _way_back(tree: "cKDTree", positions: Floats, normals: Floats, moving: Ints,
     return np.asarray(-above[:, None] * outward)
 
 
-def _tangential(axes: Floats, normals: Floats) -> Floats:
-    """(axes, vertices, 3) the parts of (axes, 3) vectors in the planes of (vertices, 3) unit normals."""
-    return np.asarray(axes[:, None] - (axes @ normals.T)[..., None] * normals)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
     """The triangles of refined skin that may move.
@@ -296,8 +291,8 @@ class Patch:
     def of(cls, fine: Refinement, hold: Hold) -> "Patch":
         """The patch of refined skin whose coarse vertices are held."""
         moving = fine.subdivision.interpolate(hold.still[:, None])[:, 0] < 1.0
-        vertices, corners = np.unique(fine.triangles[moving[fine.triangles].any(axis=1)], return_inverse=True)
-        return cls(vertices, corners.reshape(-1, 3), fine.positions[vertices], fine.blended_at(fine.rest, vertices))
+        vertices, corners = renumbered(fine.triangles[moving[fine.triangles].any(axis=1)])
+        return cls(vertices, corners, fine.positions[vertices], fine.blended_at(fine.rest, vertices))
 
     def equals(self, other: "Patch") -> bool:
         """True if both are refined alike, whatever the numbers of their vertices."""

@@ -26,7 +26,7 @@ from wrinklecli.effects.wrinkle.demand import demand_of
 from wrinklecli.effects.wrinkle.patch import Patch, Reach
 from wrinklecli.effects.wrinkle.variation import Variation, plan_variation
 from wrinklecli.errors import BakeError, unknown
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, face_normals, renumbered, unit
 from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.edges import Edges
 from wrinklecli.numeric.intersections import zero_lines
@@ -245,16 +245,16 @@ def _members(patch: Patch, surface: Surface) -> Ints:
     along = (pose.positions - origin) @ axes.T
     slack = ROUNDING * np.abs(along).max()
     near = np.flatnonzero(meets_box(along, low - slack, high + slack, surface.triangles))
-    used, corners = np.unique(surface.triangles[near], return_inverse=True)
+    used, corners = renumbered(surface.triangles[near])
     places = np.stack(patch.coordinates(pose.positions[used]), axis=1)
-    meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners.reshape(-1, 3))
-    u = places[corners.reshape(-1, 3)[meeting], 0].mean(axis=1)
+    meeting = meets_box(places, np.array([0.0, -1.0]), np.array([1.0, 1.0]), corners)
+    u = places[corners[meeting], 0].mean(axis=1)
     near = near[meeting]
     triangles = surface.triangles[near]
-    vertices, corners = np.unique(triangles, return_inverse=True)
+    vertices, corners = renumbered(triangles)
     # Winding may be mirrored in the pose; vertex normals are not.
     faces = face_normals(pose.positions, triangles)
-    normals = pose.normals_at(vertices)[corners.reshape(-1, 3)]
+    normals = pose.normals_at(vertices)[corners]
     outward = np.sign(np.sum(faces * normals.sum(axis=1), axis=1))
     chosen = near[outward * patch.cosines(u, faces) > 0]
     inside = np.isin(chosen, np.concatenate([anchor.triangles for anchor in patch.anchors]))
@@ -299,8 +299,7 @@ def _stopped(patch: Patch, ground: Ground) -> Patch:
 
 def _covered(patch: Patch, ground: Ground) -> Floats:
     """(members,) part of the tool's line, from 0 to 1, that lies on each member."""
-    vertices, corners = np.unique(ground.surface.triangles[patch.members], return_inverse=True)
-    corners = corners.reshape(-1, 3)
+    vertices, corners = renumbered(ground.surface.triangles[patch.members])
     u, v = patch.coordinates(patch.pose.positions[vertices])
     found, shares = zero_lines(v, corners)
     ends = np.sort(np.clip(np.einsum("ec,ec->e", shares, u[corners[found]]), 0.0, 1.0).reshape(-1, 2), axis=1)
@@ -318,7 +317,7 @@ def _detours(patch: Patch, ground: Ground, on_line: Bools, bump: float) -> Float
     surface, pose = ground.surface, patch.pose
     members = surface.triangles[patch.members]
     used = distinct_values(members)
-    vertices, corners = np.unique(surface.triangles[ground.rest.around.faces_of(used)], return_inverse=True)
+    vertices, corners = renumbered(surface.triangles[ground.rest.around.faces_of(used)])
     u, v = patch.coordinates(pose.positions[vertices])
     straight = np.hypot(np.maximum(np.abs(u - 0.5) - 0.5, 0.0) * patch.span, np.abs(v) * patch.half_width)
     starts = np.full(len(vertices), np.inf)
@@ -326,7 +325,7 @@ def _detours(patch: Patch, ground: Ground, on_line: Bools, bump: float) -> Float
     starts[begun] = straight[begun]
     if not len(begun):
         return None
-    ways = surface_distances(Edges.of(corners.reshape(-1, 3)).vertices, pose.positions[vertices], starts)
+    ways = surface_distances(Edges.of(corners).vertices, pose.positions[vertices], starts)
     excess = np.clip((ways - _DETOUR * straight) / bump, 0.0, 1.0)
     if not excess[np.searchsorted(vertices, used)].any():
         return None
@@ -346,8 +345,8 @@ def _masked(patch: Patch, ground: Ground) -> Patch:
         return patch
     pose, triangles = patch.pose, ground.surface.triangles[patch.members]
     factors = mask.over(ground.surface.corners[patch.members])
-    used, corners = np.unique(triangles, return_inverse=True)
-    normals = pose.normals_at(used)[corners.reshape(-1, 3)]
+    used, corners = renumbered(triangles)
+    normals = pose.normals_at(used)[corners]
     u, v = patch.coordinates(spread(pose.positions[triangles]))
     heights = patch.share(u, v, patch.cosines(u, unit(spread(normals))))
     heights *= np.linalg.norm(face_normals(pose.positions, triangles), axis=1)[:, None]

@@ -17,7 +17,7 @@ from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, bounded, children, cross, dot
+from wrinklecli.numeric.arrays import Floats, Ints, bounded, children, cross, dot, renumbered
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.materials import PLAIN_HEIGHT
@@ -97,11 +97,10 @@ def _nearer(carried: CarriedPatch, fine: Refinement, rest: Rest, rig: Rig, share
     """
     patch, parents = carried.patch, fine.subdivision.parents
     nearer = np.zeros(len(carried.vertices))
-    used, corners = np.unique(fine.surface.triangles[patch.members], return_inverse=True)
+    used, corners = renumbered(fine.surface.triangles[patch.members])
     folds = _folds(patch, fine, rest, rig, used)
     if not len(folds):
         return nearer
-    corners = corners.reshape(-1, 3)
     vectors, at_rest = (fine.bind_positions[used], fine.raising_at(used)), fine.blended_at(fine.rest, used)
     # Bumps that are higher than those of `max_height: auto` are steeper, and their flanks turn over first.
     height = min(patch.curve.greatest_height, PLAIN_HEIGHT * patch.bump_width)

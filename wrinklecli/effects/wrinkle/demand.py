@@ -29,7 +29,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.curve import ControlCurve
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Floats, Ints, children, inverses, singular, unit
+from wrinklecli.numeric.arrays import TINY, Floats, Ints, children, inverses, renumbered, singular, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.refine import Refinement
@@ -189,8 +189,7 @@ class _Line:
         """The line on which v = 0 cuts a refined mesh; None if its edges are too long to show the bumps."""
         patch = carried.patch
         triangles = fine.triangles[children(fine.subdivision.parents, patch.members)]
-        used, edges = np.unique(edges_of(triangles), return_inverse=True)
-        edges = edges.reshape(-1, 2)
+        used, edges = renumbered(edges_of(triangles))
         u, v = patch.coordinates(fine.posed_at(patch.pose, used)[0])
         longest = 1.0 / (_LEAST_EDGES * patch.curve.interval_count) * (1.0 + 1e-9)
         # There is no line where places jump from one part of the path to another.

@@ -29,7 +29,7 @@ from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, renumbered, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
 
@@ -110,8 +110,8 @@ class _Between:
         """Place the middles. What features, masks and sharp folds leave of their height is the mean of the ends'."""
         patch = carried.patch
         edges = edges_of(fine.triangles[fine.around.faces_of(carried.vertices)])
-        used, ends = np.unique(edges, return_inverse=True)
-        ends, own = ends.reshape(-1, 2), np.searchsorted(used, carried.vertices)
+        used, ends = renumbered(edges)
+        own = np.searchsorted(used, carried.vertices)
         positions, facing = fine.posed_at(patch.pose, used)
 
         def placed(positions: Floats, facing: Floats) -> Places:

@@ -17,7 +17,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.character.skin import orientations
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, inverses
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, cross, inverses, renumbered
 from wrinklecli.numeric.closest import closest_point
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.anchor import LEAST_SPAN
@@ -65,8 +65,7 @@ def ring_around(patch: Patch, members: Ints, kept: Floats, fine: Refinement) -> 
     knots = _knots(patch, fine)
     needed = np.concatenate([members, *(corners for corners, _ in knots)])
     faces = fine.triangles[np.isin(fine.triangles, needed).any(axis=1)]
-    around, local = np.unique(faces, return_inverse=True)
-    local = local.reshape(-1, 3)
+    around, local = renumbered(faces)
     sums = csr_array(
         (np.ones(local.size), (local.reshape(-1), np.repeat(np.arange(len(local)), 3))),
         shape=(len(around), len(local)),

@@ -12,7 +12,7 @@ from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.lookup import fitting_compressible
 from wrinklecli.effects.wrinkle.patch import LOW, Patch
 from wrinklecli.errors import counted
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, children
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, children, renumbered
 from wrinklecli.numeric.closest import ROUNDING, meets_box
 from wrinklecli.numeric.intersections import zero_lines
 from wrinklecli.numeric.rays import first_hits
@@ -147,8 +147,8 @@ def _surface_below(plan: MeshPlan, patch: Patch) -> tuple[float, float, float]:
         that of the segment; the part of the patch over two or more layers that wrinkle.
     """
     fine = plan.fine
-    vertices, local = np.unique(fine.triangles[children(fine.subdivision.parents, patch.under)], return_inverse=True)
-    members, positions = local.reshape(-1, 3), fine.rest_positions[vertices]
+    vertices, members = renumbered(fine.triangles[children(fine.subdivision.parents, patch.under)])
+    positions = fine.rest_positions[vertices]
     places, normals = fine.posed_at(patch.pose, vertices)
     u, v = patch.coordinates(places)
     least = LOW * abs(patch.shape_strength)

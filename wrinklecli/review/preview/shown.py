@@ -24,7 +24,7 @@ from wrinklecli.effects.plan import outlined_parts, patch_parts
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
-from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Floats, Ints, among, children, distinct_values, face_normals, renumbered, unit
 from wrinklecli.review.preview.draw import AnyMark, Mark, Outline
 from wrinklecli.review.preview.heat import compressions, crest_colours, heat_colours
 from wrinklecli.review.preview.moments import Moment
@@ -203,8 +203,7 @@ def _marks(source: ScenePrimitive, plans: Sequence[MeshPlan], refined: bool) -> 
             around = plan.rest.around.faces_of(distinct_values(fine.surface.triangles[region.members]))
             triangles = children(parents, around)
             inside = among(parents[triangles], region.members)
-            vertices, corners = np.unique(welded[triangles], return_inverse=True)
-            corners = corners.reshape(-1, 3)
+            vertices, corners = renumbered(welded[triangles])
             positions, normals = fine.posed_at(region.pose, vertices)
             u, v = region.coordinates(positions[corners])
             shown = inside | (region.cosines(u.mean(axis=1), normals[corners].sum(axis=1)) > 0)
