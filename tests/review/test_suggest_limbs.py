@@ -46,6 +46,17 @@ def test_skin_folds_level(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("joint", "motion"), [("LeftLeg", False), ("joint_1", True)])
+def test_a_morph_target_that_shapes_a_leg_is_no_motion(tmp_path: Path, joint: str, motion: bool) -> None:
+    asset = limb_of("skin", joint=joint, morphs=1, morph_clip="LINEAR", clip=None)
+    if motion:
+        asset.gltf["nodes"][asset.gltf["skins"][0]["joints"][0]]["name"] = "joint_0"
+    found = suggested(tmp_path, asset)
+    said = any("its morph target shapes a limb" in note for note in found.notes)
+    assert (bool(found.tools), said) == (motion, not motion)
+
+
+@pytest.mark.slow
 @pytest.mark.long
 def test_bare_skin_creases_close_to_the_joint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("kit.limb.BLEND", 1.2)  # it bends over more than its thickness

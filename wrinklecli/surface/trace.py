@@ -58,8 +58,8 @@ _TRIANGLE_FACING = -0.5
 # Steps of a trace to either side of its middle.
 _TRACE_STEPS = 24
 # Part of the greatest loss below which compression has no clear direction: a trace goes straight on there.
-CLEAR_LOSS = 0.3
-# Degrees that a trace turns for each of its pieces.
+_CLEAR_LOSS = 0.3
+# Degrees that a trace turns for each of its pieces; one that turns by less is as good as straight.
 _TURN = 35.0
 # Most pieces of a trace.
 _MOST_PIECES = 6
@@ -243,7 +243,7 @@ def trace(sites: Sites, region: CompressedRegion, tensors: Floats, lengths: tupl
         lengths: Greatest lengths against the region's direction and along it, scene units.
 
     Returns:
-        (points, 3) evenly spaced points on the surface, three or more; None if the surface ends at once.
+        (points, 3) evenly spaced points on the surface, three or more; None if it hardly turns, or the surface ends.
     """
     triangles = _surface_around(sites, region)
     if not len(triangles):
@@ -258,7 +258,7 @@ def trace(sites: Sites, region: CompressedRegion, tensors: Floats, lengths: tupl
         return None
     steps = unit(np.diff(_resampled(line, _TRACE_STEPS // 3), axis=0))
     turned = np.degrees(np.arccos(np.clip(np.sum(steps[1:] * steps[:-1], axis=1), -1.0, 1.0))).sum()
-    return _resampled(line, min(2 + int(turned / _TURN), _MOST_PIECES))
+    return _resampled(line, min(2 + int(turned / _TURN), _MOST_PIECES)) if turned > _TURN else None
 
 
 def _resampled(line: Floats, pieces: int) -> Floats:
@@ -308,7 +308,7 @@ class _Field:
             loss, direction = principal((weights @ self.tensors[near] / weights.sum())[None], normal[None])
             peak = max(peak, float(loss[0]))
             line.append(place)
-            if loss[0] >= CLEAR_LOSS * peak:
+            if loss[0] >= _CLEAR_LOSS * peak:
                 along = direction[0] * (1.0 if direction[0] @ along >= 0 else -1.0)
             along = unit(along - (along @ normal) * normal)
             ahead = place + step * along

@@ -260,7 +260,7 @@ def _is_of_both_sides(candidate: Candidate, driver: str) -> bool:
         return True
     rig = candidate.mesh.rig
     names = [rig.names[joint] for joint in rig.joints.tolist()]
-    weights = dict(zip(names, _joint_weights(candidate.mesh, candidate.region).tolist(), strict=True))
+    weights = dict(zip(names, joint_weights(candidate.mesh, candidate.region).tolist(), strict=True))
     return bool(weights.get(exchange_sides(driver), 0.0) > _OF_TWIN * weights[driver])
 
 
@@ -288,16 +288,16 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
         if rest_span - span(clip, stored) <= _OF_JOINTS * lost:
             alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
             return rig.morph_names[moving[int(np.argmin(alone))]], True
-    joint_weights = _joint_weights(mesh, region)
-    beyond = rig.joints_below @ joint_weights
+    shares = joint_weights(mesh, region)
+    beyond = rig.joints_below @ shares
     merits = beyond * (1.0 - beyond)
     bending = np.flatnonzero(merits > 0)
     merits[bending] *= _turns(rig, clip, candidate.time, bending)
-    joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(joint_weights.argmax())
+    joint = int(merits.argmax()) if merits.max() > _LEAST_MERIT else int(shares.argmax())
     return rig.names[rig.joints[joint]], False
 
 
-def _joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
+def joint_weights(mesh: MeasuredMesh, region: CompressedRegion) -> Floats:
     """(joints,) part of a region that follows each joint; their sum is 1."""
     corners = mesh.gauge.triangles
     by_corner = np.repeat(triangle_weights(mesh.sites, region) / 3.0, 3)

@@ -19,7 +19,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import pairs_within
 from wrinklecli.numeric.intersections import sides_of
-from wrinklecli.review.suggest.candidates import Candidate
+from wrinklecli.review.suggest.candidates import Candidate, joint_weights
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import Aspect, NamedBody
 from wrinklecli.review.suggest.suggest_options import SuggestOptions
@@ -169,6 +169,9 @@ def _judged(asset: TriedAsset, candidates: Sequence[Candidate], options: Suggest
         if substance.is_guess and bare is not None and not bare.everywhere:
             fault = "its colour is not that of the bare skin, and nothing says what it is made of"
         fault = substance.fault if substance.kind == "hard" else fault
+        # A morph target that moves an arm or a leg is another build of the body, and no motion.
+        if each.by_morph and parts[mesh.rig.joints[joint_weights(mesh, each.region).argmax()]] in _FOLDING:
+            fault = "its morph target shapes a limb, which only joints fold"
         if not fault and each.by_morph:
             from_rim = np.linalg.norm(rims(surface) - each.region.centre, axis=1).min(initial=math.inf)
             fault = "it is a rim, such as of lips or lids" if from_rim < _NEAR_RIM * each.region.length else ""

@@ -17,7 +17,7 @@ from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.effect import Part
 from wrinklecli.effects.plan import kind_of
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.rays import distances_along, near_points
 from wrinklecli.review.suggest.candidates import LEAST_LOSS, Candidate, Place
 from wrinklecli.review.suggest.draft import across_x, decimals, pair_of, renamed, stem_and_side, tool_of, width_of
@@ -37,8 +37,8 @@ from wrinklecli.review.suggest.trial import Suggested
 from wrinklecli.surface.path import Curve
 from wrinklecli.surface.region import Region
 from wrinklecli.surface.sites import at_sites
-from wrinklecli.surface.strain import principal, unscaled_pose
-from wrinklecli.surface.trace import CLEAR_LOSS, find_segment, trace
+from wrinklecli.surface.strain import unscaled_pose
+from wrinklecli.surface.trace import find_segment, trace
 from wrinklecli.tools.mirror import exchange_sides, split_side
 from wrinklecli.tools.records import Contact, RestLengthMorph, WrinkleTool
 from wrinklecli.tools.yaml_tree import printable
@@ -49,10 +49,6 @@ _WIDE_FURROWS: Profile = "smooth"
 _LEAST_SCORE = 0.02
 # Least shortening of a tool that a morph target drives, as a part of its length: lines of a face need less than folds.
 LEAST_BY_MORPH = 0.04
-# Median angle between a straight tool and the strongest compression from which a path is tried, degrees.
-_ASKEW = 10.0
-# Least height at a place whose direction counts for that angle, as a part of the tool's height.
-_PRESENT = 0.25
 # Greatest half width of a path over the radius of its sharpest bend.
 _OF_RADIUS = 0.9
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
@@ -381,71 +377,25 @@ def _refined(candidate: Candidate) -> _Refined | None:
 
 
 def _curved(refined: _Refined) -> Candidate:
-    """A candidate with a path along the strongest compression, if a straight tool crosses that askew."""
+    """A candidate with a path along the strongest compression, if that turns on the way and a tool fits the path."""
     candidate, straight, moment = refined
-    mesh = candidate.mesh
-    if straight is None or moment is None or candidate.region.on_plane or candidate.part == "finger":
-        # A finger bends about one axis, so its creases run straight across.
-        return candidate
-    tensors = _tensors(mesh, moment)
-    askew = _misalignment(mesh, straight.regions[0], tensors)
-    traced = _traced(candidate, tensors) if askew > _ASKEW else None
-    if traced is None:
-        return candidate
-    curved, patch = traced
-    # A path is shortest at another time than the straight line between its ends.
-    best = greatest(shortenings_of(mesh, patch))
-    return curved if _misalignment(mesh, patch.regions[0], _tensors(mesh, best)) < askew else candidate
-
-
-def _tensors(mesh: MeasuredMesh, moment: Shortening) -> Floats:
-    """(sites, 6) loss tensors in the pose of a shortening."""
-    tensors: Floats = at_sites(mesh.sites, moment.clip, np.array([moment.time]))[0]
-    return tensors
-
-
-def _misalignment(mesh: MeasuredMesh, region: Region, tensors: Floats) -> float:
-    """Median angle between a region and the strongest compression of a pose, weighted by area, degrees.
-
-    `tensors` are (sites, 6) loss tensors of the pose.
-    """
-    sites, region = mesh.sites, region.at_rest
-    members = np.isin(mesh.gauge.numbers, region.members)
-    under = np.flatnonzero(sites.gather[:, members].sum(axis=1))
-    u, v = region.coordinates(sites.positions[under])
-    present = region.share(u, v, region.cosines(u, sites.normals[under])) > _PRESENT
-    on, u = under[present], u[present]
-    losses, directions = principal(tensors[on], sites.normals[on])
-    strained = losses > CLEAR_LOSS * losses.max(initial=0.0)
-    on, u, directions = on[strained], u[strained], directions[strained]
-    if not len(on):
-        return 0.0
-    along = region.path.directions(u)
-    along = unit(along - np.sum(along * sites.normals[on], axis=1)[:, None] * sites.normals[on])
-    angles = np.degrees(np.arccos(np.clip(np.abs(np.sum(along * directions, axis=1)), 0.0, 1.0)))
-    return float(weighted_quantiles(angles, sites.areas[on], np.array([0.5]))[0])
-
-
-def _traced(candidate: Candidate, tensors: Floats) -> tuple[Candidate, Attached[WrinkleTool]] | None:
-    """A candidate with a path along the strongest compression of a pose, attached; None if that makes no tool.
-
-    `tensors` are (sites, 6) loss tensors of the pose.
-    """
     mesh, region = candidate.mesh, candidate.region
+    if straight is None or moment is None or region.on_plane or candidate.part in _BARE_LIMBS:
+        # A hinge bends about one axis, so its creases run straight across.
+        return candidate
+    tensors = at_sites(mesh.sites, moment.clip, np.array([moment.time]))[0]
     first, second = (float(np.linalg.norm(end - region.centre)) for end in (candidate.origin, candidate.target))
     points = trace(mesh.sites, region, tensors, (first, second))
     if points is None:
-        return None
+        return candidate
     curved = replace(candidate, origin=points[0], between=points[1:-1], target=points[-1])
     wide = _probe(curved, width_of(candidate))
     path = None if wide is None else wide.regions[0].path
     if not isinstance(path, Curve):
-        return None
+        return candidate
     curved = replace(curved, widest=2.0 * _OF_RADIUS * path.sharpest[0])
-    patch = _probe(curved)
-    if patch is None:
-        return None
-    return (curved, patch) if greatest(shortenings_of(mesh, patch)).ratio >= _least_shortening(candidate) else None
+    _, patch, best = _measured(curved)
+    return candidate if patch is None or best is None or best.ratio < _least_shortening(candidate) else curved
 
 
 def _least_shortening(candidate: Candidate) -> float:
