@@ -15,7 +15,6 @@ from wrinklecli.character.clip import KEY_GAP, Clip, clip_grid
 from wrinklecli.character.rig import Rig
 from wrinklecli.numeric import piecewise
 from wrinklecli.numeric.piecewise import Signal, key_points, key_times
-from wrinklecli.numeric.spring import smooth
 
 Floats = NDArray[np.float64]
 
@@ -232,40 +231,6 @@ def test_the_ends_are_never_dropped(end: float) -> None:
     short = replace(clip, channels=(), end=end)
     times, keys = sampled(short, rig, lambda t: np.zeros((len(t), 3)), fps=30, tolerance=1.0)
     assert times.tolist() == keys.tolist() == np.unique([0.0, np.float32(end)]).tolist()
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_smooth_functions_are_right_within_the_tolerance(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    speeds, phases = rng.uniform(0, 6, 3), rng.uniform(0, 7, 3)
-    asked = []
-
-    def function(times: Floats) -> Floats:
-        asked.append(len(times))
-        return np.abs(np.sin(speeds * times[:, None] + phases)) + 0.1 * times[:, None]
-
-    # It bends where a sine is 0: there are breaks.
-    bends = np.concatenate(
-        [(np.pi * np.arange(-3, 9) - phase) / speed for speed, phase in zip(speeds, phases, strict=True)]
-    )
-    breaks = np.unique(np.concatenate([np.linspace(0, 2, 61), bends[(bends > 0) & (bends < 2)]]))
-    fitted = smooth(function, breaks, 1e-7)
-    assert sum(asked) < 12 * len(breaks)
-    times = np.linspace(0, 2, 1001)
-    assert np.abs(fitted(times) - function(times)).max() < 1e-7
-
-
-def test_what_is_not_finite_is_asked_for_itself() -> None:
-    def function(times: Floats) -> Floats:
-        return np.where(times > 1.0, np.inf, times)[:, None]
-
-    assert smooth(function, np.linspace(0, 2, 5), 1e-9) is function
-
-
-def test_fast_motion_is_sampled_closer() -> None:
-    fitted = smooth(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
-    times = np.linspace(0, 2, 1001)
-    assert np.abs(fitted(times)[:, 0] - np.sin(40 * times)).max() < 1e-5
 
 
 @pytest.mark.slow

@@ -6,18 +6,51 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from wrinklecli.numeric.arrays import Floats
-from wrinklecli.numeric.spring import Spring, SpringResponse, fit_quartics, positive, respond
+from wrinklecli.numeric.spring import Quartics, Spring, SpringResponse, fit_quartics, positive, respond
 
 SPEED = 2.0 * np.pi * 6.0
 # Under-, critically and overdamped, and close to critical, where closed forms lose digits.
 DAMPINGS = [0.05, 0.5, 0.999999, 1.0, 1.000001, 3.0]
 
 
+def played(fitted: Quartics, times: Floats) -> Floats:
+    """(times, values) of the function at (times,) seconds."""
+    which = np.clip(np.searchsorted(fitted.begins, times, side="right") - 1, 0, len(fitted.begins) - 1)
+    t = (times - fitted.begins[which]) / fitted.spans[which]
+    return np.einsum("tkv,tk->tv", fitted.powers[which], t[:, None] ** np.arange(5))
+
+
 def answer(signal: Floats, times: Floats, damping: float, *, periodic: bool = False) -> SpringResponse:
     """To straight lines through (times,) values, above 0."""
     fitted = fit_quartics(lambda at: np.interp(at, times, signal)[:, None], times, 1e-9)
-    assert fitted is not None
     return respond(Spring(SPEED, damping), positive(fitted), periodic=periodic)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_smooth_functions_are_right_within_the_tolerance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speeds, phases = rng.uniform(0, 6, 3), rng.uniform(0, 7, 3)
+    asked = []
+
+    def function(times: Floats) -> Floats:
+        asked.append(len(times))
+        return np.abs(np.sin(speeds * times[:, None] + phases)) + 0.1 * times[:, None]
+
+    # It bends where a sine is 0: there are breaks.
+    bends = np.concatenate(
+        [(np.pi * np.arange(-3, 9) - phase) / speed for speed, phase in zip(speeds, phases, strict=True)]
+    )
+    breaks = np.unique(np.concatenate([np.linspace(0, 2, 61), bends[(bends > 0) & (bends < 2)]]))
+    fitted = fit_quartics(function, breaks, 1e-7)
+    assert sum(asked) < 12 * len(breaks)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(played(fitted, times) - function(times)).max() < 1e-7
+
+
+def test_fast_motion_is_sampled_closer() -> None:
+    fitted = fit_quartics(lambda t: np.sin(40 * t)[:, None], np.linspace(0, 2, 7), 1e-6)
+    times = np.linspace(0, 2, 1001)
+    assert np.abs(played(fitted, times)[:, 0] - np.sin(40 * times)).max() < 1e-5
 
 
 @pytest.mark.quick(1, 2)
@@ -25,11 +58,10 @@ def answer(signal: Floats, times: Floats, damping: float, *, periodic: bool = Fa
 def test_the_answer_is_the_equation_s(damping: float) -> None:
     times = np.linspace(0.0, 1.5, 40)
     fitted = fit_quartics(lambda at: (0.3 * np.sin(5.0 * at) + 0.1 * np.cos(31.0 * at))[:, None], times, 1e-9)
-    assert fitted is not None
     signal = positive(fitted)
     fine = np.linspace(0.0, 1.5, 24_001)
-    given_there = signal.signal()(fine)[:, 0]
-    assert given_there == pytest.approx(np.maximum(fitted.signal()(fine)[:, 0], 0.0), abs=1e-12)
+    given_there = played(signal, fine)[:, 0]
+    assert given_there == pytest.approx(np.maximum(played(fitted, fine)[:, 0], 0.0), abs=1e-12)
     found = respond(Spring(SPEED, damping), signal, periodic=False).at(fine)[:, 0]
     step = fine[1]
     slope = (found[2:] - found[:-2]) / (2.0 * step)

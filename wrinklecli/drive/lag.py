@@ -64,7 +64,6 @@ def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> Sprin
     even = np.linspace(clip.start, end, max(int(np.ceil((end - clip.start) / _PIECE)), 1) + 1)
     inside = breaks[(breaks > clip.start) & (breaks < end)]
     signal = fit_quartics(shares, distinct_values(np.concatenate([even, inside])), _TOLERANCE)
-    assert signal is not None, "shares are finite"
     first, last = ratios(np.array([clip.start, clip.end]))[:, 0]
     periodic = clip.loops and (first == last or abs(last - first) < _SAME)
     spring = Spring(2.0 * np.pi * lag.frequency, lag.damping)
