@@ -5,7 +5,7 @@ import pytest
 
 from kit.asset import Asset
 from kit.garments import ground_of, job_of, tube
-from wrinklecli.surface.bones import BoneLines
+from wrinklecli.surface.bones import BoneLines, bone_distances
 
 
 def with_a_node_between(asset: Asset) -> Asset:
@@ -28,5 +28,5 @@ def test_bones_run_from_joint_to_joint_and_the_last_one_to_the_end_of_its_skin(b
     assert np.allclose(bones.ends[:-1], bones.starts[1:])
     points = ground.rest.positions
     assert bones.ends[-1][0] == pytest.approx(points[:, 0].max(), abs=0.1 * np.ptp(points[:, 0]))
-    assert np.allclose(bones.distances(bones.starts), 0.0)
+    assert np.allclose(bone_distances(bones.starts, np.stack([bones.starts, bones.ends], axis=1)), 0.0)
     assert [bones.nearest(place) for place in (bones.starts + bones.ends) / 2.0] == [0, 1, 2, 3]

@@ -58,18 +58,10 @@ class BoneLines:
                 ends.append(tip)
         return cls(tuple(nodes), np.array(starts), np.array(ends))
 
-    def distances(self, points: Floats) -> Floats:
-        """(points,) distances of (points, 3) from the nearest bone."""
-        return bone_distances(points, self._segments)
-
-    @property
-    def _segments(self) -> Floats:
-        """(bones, 2, 3) their ends."""
-        return np.stack([self.starts, self.ends], axis=1)
-
     def nearest(self, point: Floats) -> int:
         """The number of the bone that is nearest to a (3,) point."""
-        return int(np.argmin(segment_distances(np.broadcast_to(point, self.starts.shape), self._segments)))
+        bones = np.stack([self.starts, self.ends], axis=1)
+        return int(np.argmin(segment_distances(np.broadcast_to(point, self.starts.shape), bones)))
 
     def side_of(self, ground: Ground, place: Floats, along: Floats) -> "SideOfBone":
         """The side of the nearest bone on which a (3,) place lies; a bone without a length runs along a (3,) vector."""
