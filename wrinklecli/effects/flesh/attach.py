@@ -13,7 +13,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.swing import GRAVITY, KEYS_ASKED, Mode, SwingDrive, keys_per_second, signed
 from wrinklecli.effects.attached import Attached, Moves
 from wrinklecli.effects.flesh.tissue import Body, NoFleshError, Place, Swings, swings_of
-from wrinklecli.errors import BakeError, listed, nearest
+from wrinklecli.errors import BakeError, listed, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
@@ -270,10 +270,7 @@ def _named_joint(tool: Flesh, ground: Ground) -> int | None:
     found = [number for number, name in enumerate(names) if name == tool.joint]
     if len(found) != 1:
         several = f"{len(found)} joints are" if found else "no joint of this mesh is"
-        raise BakeError(
-            f"{several} named {tool.joint!r}{nearest(tool.joint, names)}; there are {listed(names)}",
-            where=tool.place("joint"),
-        )
+        raise BakeError(unknown(f"{several} named", tool.joint, names), where=tool.place("joint"))
     return found[0]
 
 
