@@ -13,7 +13,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import TRIANGLES, Document
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type, used_joints
 from wrinklecli.gltf.shape import DRACO, Json
-from wrinklecli.numeric.arrays import Array, Floats, Ints, unit
+from wrinklecli.numeric.arrays import Array, Floats, Ints, places_of, unit
 from wrinklecli.surface.refine import Refinement
 
 # Components of the attributes that are vectors. TANGENT has a handedness too, except in morph targets.
@@ -123,8 +123,7 @@ def primitives_of(fine: Refinement, groups: Sequence[int] | None = None) -> list
     for index, group in enumerate(owners):
         old = np.arange(starts[index], starts[index + 1])
         new = np.flatnonzero(owners[fine.primitives] == group)
-        local = np.zeros(old_count + len(fine.primitives), np.intp)
-        local[old] = np.arange(len(old))
+        local = places_of(old, old_count + len(fine.primitives))
         local[old_count + new] = len(old) + np.arange(len(new))
         corners, stored = fine.corners[parents == index], fine.surface.corners[fine.surface.primitives == index]
         refined_primitives.append(

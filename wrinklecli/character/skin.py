@@ -18,7 +18,18 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.pose import blend, joint_matrices, morph_weights, transform
 from wrinklecli.character.rig import Rig
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, cross, determinants, distinct_values, dot, renumbered
+from wrinklecli.numeric.arrays import (
+    Array,
+    Bools,
+    Floats,
+    Ints,
+    cross,
+    determinants,
+    distinct_values,
+    dot,
+    places_of,
+    renumbered,
+)
 from wrinklecli.numeric.portions import portions
 
 # Numbers of a vertex in a pose: its matrix, and its places.
@@ -72,9 +83,7 @@ class Influences:
 
     def among(self, joints: Ints) -> "Influences":
         """The same by the numbers among (joints,) sorted joints, which have all weight."""
-        numbers = np.zeros(self.joint_count, np.intp)
-        numbers[joints] = np.arange(len(joints))
-        return Influences(numbers[self.joints], self.weights, len(joints))
+        return Influences(places_of(joints, self.joint_count)[self.joints], self.weights, len(joints))
 
     def at(self, vertices: "Ints | slice") -> "Influences":
         """The same of some vertices."""
@@ -282,9 +291,7 @@ class SkinnedMesh:
 
     def only(self, vertices: Ints) -> Self:
         """The mesh with (vertices,) sorted vertices only, and with the triangles that have no others."""
-        numbers = np.full(len(self.skin), -1)
-        numbers[vertices] = np.arange(len(vertices))
-        triangles = numbers[self.triangles]
+        triangles = places_of(vertices, len(self.skin), -1)[self.triangles]
         return replace(self, skin=self.skin.of(vertices), triangles=triangles[(triangles >= 0).all(axis=1)])
 
     def part(self, chosen: Bools) -> Self:

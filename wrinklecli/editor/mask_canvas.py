@@ -4,7 +4,7 @@ import numpy as np
 
 from wrinklecli.errors import ConfigError
 from wrinklecli.gltf.pixels import Bytes, png_of
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Floats, Ints, flags_of
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import mask_coordinates, read_mask
 from wrinklecli.texture.texels import covered, gutter
@@ -74,8 +74,7 @@ class MaskCanvas:
 
     def png(self) -> bytes:
         """The image, with the border around charts filled."""
-        filled = np.zeros(_SIZE * _SIZE, bool)
-        filled[self._texels] = True
+        filled = flags_of(self._texels, _SIZE * _SIZE)
         beside, inside = gutter(filled.reshape(_SIZE, _SIZE), _GUTTER)
         done = self.pixels.copy().reshape(-1)
         done[beside] = done[inside]

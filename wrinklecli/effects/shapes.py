@@ -23,6 +23,7 @@ from wrinklecli.numeric.arrays import (
     dot,
     greatest_coordinates,
     matches,
+    places_of,
     renumbered,
     smoothstep,
     unit,
@@ -273,8 +274,7 @@ class DisplacedNormals:
         touched = distinct_values(fine.triangles[fine.around.faces_of(vertices)])
         corners = fine.triangles[fine.around.faces_of(touched)]
         around = distinct_values(corners)
-        rows = np.zeros(len(fine.positions), np.intp)
-        rows[around] = np.arange(len(around))
+        rows = places_of(around, len(fine.positions))
         edges, sides = renumbered(Middles.numbers_of(sides_of(corners), fine))
         ends = np.stack(np.divmod(edges, len(fine.positions)), axis=1)
         return cls(

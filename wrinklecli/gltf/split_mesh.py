@@ -16,7 +16,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import EXTENSION, channels_of, has_target_names, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Ints, renumbered
+from wrinklecli.numeric.arrays import Ints, places_of, renumbered
 
 # Extensions of a node that apply to its mesh; others, such as lights, would be there twice.
 _OF_MESHES = ("KHR_node_visibility", "EXT_mesh_gpu_instancing")
@@ -152,9 +152,7 @@ class DividedPrimitive:
         if source.stored_dtype(index).kind != "f":
             return self._stored(index, rows, name, replaces=replaces)
         changed, values = source.changes(index)
-        place = np.full(source.items("accessors")[index]["count"], -1, np.intp)
-        place[changed] = np.arange(len(changed))
-        taken = place[rows]
+        taken = places_of(changed, source.items("accessors")[index]["count"], -1)[rows]
         vertices = np.flatnonzero(taken >= 0)
         return self._edited.add_deltas(
             vertices, values[taken[vertices]], count=len(rows), bounds=name == "POSITION", replaces=replaces

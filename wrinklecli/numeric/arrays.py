@@ -57,10 +57,7 @@ def vertex_normals(positions: Floats, triangles: Ints) -> Floats:
 
 def normals_at(positions: Floats, triangles: Ints, vertices: Ints) -> Floats:
     """(chosen, 3) `vertex_normals` of (chosen,) vertices."""
-    wanted = np.zeros(len(positions), bool)
-    wanted[vertices] = True
-    a, b, c = wanted[triangles].T
-    faces = triangles[a | b | c]
+    faces = triangles[any_of(flags_of(vertices, len(positions)), triangles)]
     return unit(normal_sums(face_normals(positions, faces), faces, len(positions))[vertices])
 
 
@@ -264,6 +261,13 @@ def flags_of(members: Ints, count: int) -> Bools:
     flags = np.zeros(count, dtype=np.bool_)
     flags[members] = True
     return flags
+
+
+def places_of(members: Ints, count: int, absent: int = 0) -> Ints:
+    """(count,) the place of each index in (members,) different ones; another number for those that are absent."""
+    places = np.full(count, absent, np.intp)
+    places[members] = np.arange(len(members))
+    return places
 
 
 def children(parents: Ints, chosen: Ints) -> Ints:

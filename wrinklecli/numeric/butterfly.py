@@ -152,8 +152,7 @@ def _fans(triangles: Ints, centres: Bools) -> _Fans:
     np.add.at(border_sums, at_border, border_ends)
 
     # A fan is closed if each spoke is a next and a last corner once, and the walk from any spoke passes all of them.
-    open_at = np.zeros(count, dtype=np.bool_)
-    open_at[vertices[keys[successors] != last_keys]] = True
+    open_at = flags_of(vertices[keys[successors] != last_keys], count)
     open_at[vertices[1:][keys[1:] == keys[:-1]]] = True
     sorted_last_keys = np.sort(last_keys)
     open_at[sorted_last_keys[1:][sorted_last_keys[1:] == sorted_last_keys[:-1]] // count] = True

@@ -12,7 +12,19 @@ from collections.abc import Callable
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, any_of, cross, dot, face_normals, flags_of, renumbered
+from wrinklecli.numeric.arrays import (
+    TINY,
+    Bools,
+    Floats,
+    Ints,
+    any_of,
+    cross,
+    dot,
+    face_normals,
+    flags_of,
+    places_of,
+    renumbered,
+)
 
 STEP = 2.0**-20
 """Part of a length by which others must differ to count as shorter or longer: rounding errors decide nothing."""
@@ -120,8 +132,7 @@ def _pairs(triangles: Ints) -> tuple[Ints, Ints]:
 
 def _apart(gains: Floats, faces: Ints, count: int) -> Bools:
     """(pairs,) True for those with a gain that is the greatest of all pairs with one of their (pairs, 2) triangles."""
-    ranks = np.zeros(len(gains), np.intp)
-    ranks[np.argsort(-gains, kind="stable")] = np.arange(len(gains))
+    ranks = places_of(np.argsort(-gains, kind="stable"), len(gains))
     least = np.full(count, len(gains))
     np.minimum.at(least, faces, ranks[:, None])
     return np.asarray((gains > 0.0) & (least[faces] == ranks[:, None]).all(axis=1))

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, places_of
 from wrinklecli.numeric.memory import leave_room, start_blas
 
 POISSON = 0.45
@@ -61,8 +61,7 @@ class Tissue:
         """The sparse (3 free nodes, 3 free nodes) stiffness; x, y, z of a node stand together."""
         from scipy.sparse import coo_matrix
 
-        number = np.full(len(self.fixed), -1)
-        number[self.free] = np.arange(len(self.free))
+        number = places_of(self.free, len(self.fixed), -1)
         rows = (3 * number[self.nodes][:, :, None] + np.arange(3)).reshape(-1, 24)
         values = (self.size * self.fills * self.stiffnesses)[:, None, None] * cube_stiffness()
         held = np.repeat(self.fixed[self.nodes], 3, axis=1)

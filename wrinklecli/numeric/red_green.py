@@ -22,7 +22,7 @@ import numpy as np
 
 from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, renumbered
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, distinct_values, flags_of, places_of, renumbered
 from wrinklecli.numeric.edges import numbered_edges
 from wrinklecli.numeric.sparse import Matrix
 
@@ -120,15 +120,12 @@ class Stage:
 
     def vertices_on(self, faces: Bools) -> Bools:
         """(vertices of the next level,) those on any of the flagged faces."""
-        corners = np.zeros(self.complete.size, dtype=np.bool_)
-        corners[self.level.triangles[faces]] = True
+        corners = flags_of(self.level.triangles[faces], self.complete.size)
         return np.concatenate([corners, self.edges_of(faces)[self.split]])
 
     def edges_of(self, faces: Bools) -> Bools:
         """(E,) edges of any of the flagged faces."""
-        edges = np.zeros(self.split.size, dtype=np.bool_)
-        edges[self.level.triangle_edges[faces]] = True
-        return edges
+        return flags_of(self.level.triangle_edges[faces], self.split.size)
 
     def corners_and_midpoints(self, faces: Bools) -> tuple[Ints, Floats]:
         """(n, 6) vertices and (n, 6, 3) barycentrics: a face's corners, then its edges' midpoints (-1: not split)."""
@@ -150,8 +147,7 @@ def coarse_stage(triangles: Ints, held: Bools, vertex_count: int, rules: Rules) 
     faces = faces[(a != b) & (b != c) & (c != a)]
     vertices = distinct_values(triangles[faces])
     linear = Matrix.identity(vertex_count).chosen(vertices)
-    numbers = np.zeros(vertex_count, np.intp)
-    numbers[vertices] = np.arange(len(vertices))
+    numbers = places_of(vertices, vertex_count)
     barycentrics = np.broadcast_to(np.eye(3), (faces.size, 3, 3))
     return _stage(
         _level(0, linear, numbers[triangles[faces]], faces, barycentrics),

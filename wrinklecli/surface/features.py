@@ -17,6 +17,7 @@ from wrinklecli.numeric.arrays import (
     components,
     distinct_values,
     face_normals,
+    flags_of,
     unit,
 )
 from wrinklecli.numeric.edges import Edges
@@ -51,8 +52,7 @@ def cut_at_features(ground: Ground, members: Ints, least: float) -> Cut:
     faces = faces[_firsts(surface.triangles[faces])]
     triangles, is_member = surface.triangles[faces], among(faces, members)
     edges = Edges.of(triangles)
-    near = np.zeros(len(edges.vertices), np.bool_)
-    near[edges.of_faces[is_member]] = True
+    near = flags_of(edges.of_faces[is_member], len(edges.vertices))
     feature = near & (edges.counts == 1)
     looks = ground.looks[surface.primitives[faces]]
     feature[edges.pairs] |= near[edges.pairs] & (looks[edges.one // 3] != looks[edges.other // 3])
@@ -147,8 +147,7 @@ class Nearest:
             better = first[reached[first] < distances[sent[first, 1]]]
             at = sent[better, 1]
             distances[at], nearest[at, 0] = reached[better], features[better]
-            fresh = np.zeros(len(vertices), np.bool_)
-            fresh[at] = True
+            fresh = flags_of(at, len(vertices))
         candidates = nearest[corners].reshape(len(members), -1)
         near = (candidates >= 0).any(axis=1)
         return cls(segments, members[near], candidates[near])

@@ -374,8 +374,7 @@ def _simplified(
             continue
         lengths = partial(_of_corners, steps, weld, _greatest_step(region, settings))
         tolerance = _LEAST_SHOWN * region.greatest_height
-        free = np.zeros(len(subdivision.parents), np.bool_)
-        free[children(subdivision.parents, region.members)] = True
+        free = flags_of(children(subdivision.parents, region.members), len(subdivision.parents))
         free &= (owners == 1) & subdivision.changed
         corners = corners.copy()
         corners[free[faces]] = turn_diagonals(corners[free[faces]], places[weld], lengths, tolerance)

@@ -10,7 +10,7 @@ from wrinklecli.choices import MapKind
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.pixels import png_of
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct_values, flags_of, unit
 from wrinklecli.texture.map_files import image_name
 from wrinklecli.texture.texels import gutter
 
@@ -146,8 +146,7 @@ def packed(shown: Sequence[Shown], size: int) -> list[list[Shown]]:
                 taken[present] = True
                 break
         else:
-            taken = np.zeros(size**2, np.bool_)
-            taken[present] = True
+            taken = flags_of(present, size**2)
             groups.append(([each], taken))
     return [group for group, _ in groups]
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from wrinklecli.effects.kept import digest_of, keep, kept_solution, read_records, written_records
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, ramp, smoothstep
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, flags_of, ramp, smoothstep
 from wrinklecli.numeric.closest import is_inside, nearest_of
 from wrinklecli.numeric.elements import CORNERS, Modes, Tissue, ritz_modes
 from wrinklecli.numeric.memory import once
@@ -198,8 +198,7 @@ def _tissue(body: Body, place: Place, low: Floats, size: float, counts: Ints) ->
     fills[movable] = is_inside(middles, body.positions, body.triangles).reshape(len(movable), -1).mean(axis=1)
     active = np.flatnonzero(fills)
     active = active[_connected(cubes[active], nodes[cubes[active]].mean(axis=1), place.at, len(nodes))]
-    used = np.zeros(len(nodes), np.bool_)
-    used[cubes[active]] = True
+    used = flags_of(cubes[active], len(nodes))
     fixed = ~used | (soft < _LEAST_SOFTNESS)
     # Flesh that nothing holds would float away.
     if fixed.all() or not (fixed & used).any():

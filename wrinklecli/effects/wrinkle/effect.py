@@ -29,7 +29,7 @@ from wrinklecli.effects.wrinkle.places import Places
 from wrinklecli.effects.wrinkle.warnings import tool_warnings
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, renumbered, unit
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values, interpolated, places_of, renumbered, unit
 from wrinklecli.numeric.intersections import edges_of
 from wrinklecli.surface.refine import Refinement
 
@@ -130,8 +130,7 @@ class _Between:
             return between
 
         middles = placed(halfway(positions), unit(halfway(facing))).times(left)
-        numbers = np.full(len(used), len(own))
-        numbers[own] = np.arange(len(own))
+        numbers = places_of(own, len(used), len(own))
         return cls(
             edges=Middles.numbers_of(edges, fine),
             ends=numbers[ends],

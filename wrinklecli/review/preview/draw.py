@@ -7,7 +7,7 @@ import numpy as np
 
 from wrinklecli.character.paints import Colour
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Array, Bools, Floats, Ints, places_of
 from wrinklecli.review.preview.camera import project
 from wrinklecli.review.preview.rays import unit_rows
 
@@ -154,8 +154,7 @@ def project_mark(
     mark: AnyMark, local: Floats, size: tuple[int, int], tangent: float
 ) -> ProjectedMark | ProjectedOutline:
     """Project a mark on (triangles, 3, 3) corners in camera space."""
-    rows = np.full(len(local), -1, np.intp)
-    rows[mark.triangles] = np.arange(len(mark.triangles))
+    rows = places_of(mark.triangles, len(local), -1)
     shown = _edges(project(local[mark.triangles], size, tangent))
     if isinstance(mark, Outline):
         return ProjectedOutline(mark, rows, _rates(mark.depths, shown))

@@ -10,7 +10,7 @@ from wrinklecli.character.scene import NO_MESH
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Bools, Floats
+from wrinklecli.numeric.arrays import Bools, Floats, flags_of
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.review.preview.camera import FACING, VIEWS, Camera, camera_axes, parse_view
 from wrinklecli.review.preview.grid import snapped
@@ -158,8 +158,7 @@ def _points_to_frame(
     for number, asset in enumerate(assets):
         for shown, posed in asset.posed(moment):
             positions, triangles = posed.positions[0], posed.triangles
-            used = np.zeros(len(positions), bool)
-            used[triangles] = True
+            used = flags_of(triangles, len(positions))
             if used.any():
                 corners += [positions[used].min(axis=0, keepdims=True), positions[used].max(axis=0, keepdims=True)]
             if wrinkles is not None and wrinkles.most is not None:
