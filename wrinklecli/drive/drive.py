@@ -182,7 +182,7 @@ class Drive(BaseDrive):
 
         def read(times: Floats, known: dict[int, Floats]) -> Lengths:
             found = segment.lengths(rig, clip, times, known)
-            return found._replace(distances=spring.follow(times, found.distances, found.rest_lengths))
+            return found._replace(distances=spring(times, found.distances, found.rest_lengths))
 
         return read
 

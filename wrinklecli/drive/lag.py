@@ -8,11 +8,13 @@ The clip begins with the spring at rest, as in a player that starts there. A cli
 loop, and the spring's motion is periodic. The paper has no springs: its heights follow at once.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from wrinklecli.character.clip import Clip
 from wrinklecli.drive.stored import TAUT
-from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, distinct_values
 from wrinklecli.numeric.piecewise import Signal
 from wrinklecli.numeric.spring import Spring, SpringResponse, fit_quartics, positive, respond
@@ -26,34 +28,17 @@ _TOLERANCE = (1.0 - TAUT) / 100.0
 _SAME = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class SpringFilter:
-    """The response of a spring to a segment's shortening in one clip, over the rest length."""
-
-    response: SpringResponse
-
-    def follow(self, times: Floats, distances: Floats, rest_lengths: Floats) -> Floats:
-        """(frames,) distances at which a curve has the heights of the spring's response, scene units.
-
-        Args:
-            times: (frames,) seconds.
-            distances: (frames,) distances of the ends, scene units; infinite while the tool is inactive.
-            rest_lengths: (frames,) scene units.
-        """
-        shares = np.minimum(self.response.at(times)[:, 0], TAUT)
-        # While nothing is to rise, the distance of a stretched segment stays as it is.
-        slack = np.maximum(distances, TAUT * rest_lengths)
-        return np.where((shares > 0) & np.isfinite(distances), (TAUT - shares) * rest_lengths, slack)
-
-
-def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> SpringFilter:
-    """Let a spring follow a clip.
+def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> Callable[[Floats, Floats, Floats], Floats]:
+    """Let a spring follow the shortening of a segment in a clip, over the rest length.
 
     Args:
         lag: The spring's frequency and damping.
         ratios: (times,) seconds to (times, 1) distances of the anchors over rest lengths; infinite while inactive.
         clip: The clip.
         breaks: (breaks,) seconds between which ratios are smooth.
+
+    Returns:
+        `_followed` with the spring's response.
     """
 
     def shares(times: Floats) -> Floats:
@@ -67,4 +52,19 @@ def spring_filter(lag: Lag, ratios: Signal, clip: Clip, breaks: Floats) -> Sprin
     first, last = ratios(np.array([clip.start, clip.end]))[:, 0]
     periodic = clip.loops and (first == last or abs(last - first) < _SAME)
     spring = Spring(2.0 * np.pi * lag.frequency, lag.damping)
-    return SpringFilter(respond(spring, positive(signal), periodic=periodic))
+    return partial(_followed, respond(spring, positive(signal), periodic=periodic))
+
+
+def _followed(response: SpringResponse, times: Floats, distances: Floats, rest_lengths: Floats) -> Floats:
+    """(frames,) distances at which a curve has the heights of the spring's response, scene units.
+
+    Args:
+        response: The spring's, over the rest length.
+        times: (frames,) seconds.
+        distances: (frames,) distances of the ends, scene units; infinite while the tool is inactive.
+        rest_lengths: (frames,) scene units.
+    """
+    shares = np.minimum(response.at(times)[:, 0], TAUT)
+    # While nothing is to rise, the distance of a stretched segment stays as it is.
+    slack = np.maximum(distances, TAUT * rest_lengths)
+    return np.where((shares > 0) & np.isfinite(distances), (TAUT - shares) * rest_lengths, slack)

@@ -4,10 +4,10 @@ Source: C. Larboulette, M.-P. Cani, *Real-Time Dynamic Wrinkles*, CGI 2004: the 
 against that at rest. Differs: a path has more points; animated scale is taken out; the rest length may change.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
 from wrinklecli.tools.records import Lag
-
-if TYPE_CHECKING:
-    from wrinklecli.drive.lag import SpringFilter
 
 
 def point_json(point: CarriedPoint, names: Sequence[str], morph_names: Sequence[str]) -> Json:
@@ -180,8 +177,11 @@ class Segment:
         apart = sum((np.sqrt(np.einsum("xf,xf->f", step, step)) for step in steps), np.zeros(1))
         return np.where(hidden, np.inf, apart / np.where(hidden, 1.0, scale))
 
-    def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> "SpringFilter | None":
-        """The response of a damped spring to the shortening in a clip; None without `lag`, and in the stored pose."""
+    def spring(self, lag: Lag | None, rig: Rig, clip: Clip | None) -> Callable[[Floats, Floats, Floats], Floats] | None:
+        """A filter by which a damped spring follows the shortening in a clip; None without `lag`, or without a clip.
+
+        It turns (frames,) seconds, distances of the ends and rest lengths into other distances.
+        """
         if lag is None or clip is None:
             return None
         from wrinklecli.drive.lag import spring_filter  # few tools ask for it
