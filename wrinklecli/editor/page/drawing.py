@@ -14,6 +14,7 @@ from wrinklecli.editor.attached import AttachedBelow, AttachedTool, PlayableMesh
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, Ints, among, distinct, distinct_values, face_normals, renumbered, unit
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.edges import Edges
 from wrinklecli.numeric.intersections import zero_lines
 
 _NORMAL_STEP = 1 / 127  # difference of stored normals that counts as none: the step of an 8-bit normal
@@ -223,9 +224,8 @@ def _border(values: Floats, faces: Ints) -> tuple[Ints, Floats]:
     """
     triangles, crossing = zero_lines(values, faces)
     above = values[faces] > 0
-    pairs = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    _, numbers, counts = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
-    open_sides = (counts[numbers.reshape(-1)] == 1).reshape(-1, 3) & above & np.roll(above, -1, axis=1)
+    edges = Edges.of(faces)
+    open_sides = (edges.counts[edges.of_faces] == 1) & above & np.roll(above, -1, axis=1)
     open_faces, first = np.nonzero(open_sides)
     ends = np.eye(3)[np.stack([first, (first + 1) % 3], axis=1).reshape(-1)]
     return np.concatenate([triangles, np.repeat(open_faces, 2)]), np.concatenate([crossing, ends])
