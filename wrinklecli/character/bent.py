@@ -7,7 +7,7 @@ import numpy as np
 from wrinklecli.character.rig import Rig, levels_of
 from wrinklecli.character.surface import read_influences, read_positions, read_triangles
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+from wrinklecli.numeric.arrays import Floats, Ints, face_normals, groups_of
 from wrinklecli.numeric.portions import portions
 
 # Joints of a vertex that count, the heaviest first: time and memory grow with the square of their number.
@@ -39,8 +39,7 @@ def bent_areas(document: Document, rigs: Sequence[Rig]) -> tuple[Floats, Floats]
         for one, other, areas in _carried_together(document, rig):
             np.add.at(moved, one, areas)
             np.add.at(whole, _meeting(one, other, up, depths), areas)
-    order = np.argsort(-depths, kind="stable")
-    for nodes in np.split(order, np.flatnonzero(np.diff(depths[order])) + 1)[:-1]:
+    for nodes in groups_of(-depths)[:-1]:
         for totals in (moved, whole):
             np.add.at(totals, up[nodes], totals[nodes])
     return (moved - whole)[:root], moved[:root]

@@ -19,9 +19,11 @@ from wrinklecli.numeric.arrays import (
     are_nonzero,
     cross,
     determinants,
+    distinct,
     distinct_values,
     dot,
     greatest_coordinates,
+    groups_of,
     matches,
     places_of,
     renumbered,
@@ -190,9 +192,8 @@ def _fit_normals(
     true = np.tile(base, (len(samples), 1, 1))
     moving, bending = are_nonzero(deltas), None if middles is None else are_nonzero(middles.deltas)
     # A sample says nothing of vertices that no shape with a weight in it moves, and few of many shapes have one.
-    acting, groups = np.unique(weights != 0, axis=0, return_inverse=True)
-    for number, shapes in enumerate(acting):
-        chosen = np.flatnonzero(groups.ravel() == number)
+    for chosen in groups_of(distinct(weights != 0)[1]):
+        shapes = weights[chosen[0]] != 0
         own, factors, bent = np.flatnonzero(moving[shapes].any(axis=0)), weights[np.ix_(chosen, shapes)], None
         if middles is not None and bending is not None:
             edges = np.flatnonzero(bending[shapes].any(axis=0))
@@ -222,9 +223,7 @@ def _fit_normals(
     ridge = 1e-9 * traces.max(initial=0.0) + 1e-30
     found = np.zeros((len(deltas), len(touched), 3))
     # Few of many shapes reach a vertex, and the same ones those around it.
-    _, groups = np.unique(np.packbits(reaching, axis=1), axis=0, return_inverse=True)
-    starts = np.cumsum(np.bincount(groups.ravel()))[:-1]
-    for chosen in np.split(np.argsort(groups.ravel(), kind="stable"), starts):
+    for chosen in groups_of(distinct(np.packbits(reaching, axis=1))[1]):
         own = np.flatnonzero(reaching[chosen[0]])
         count = len(own)
         of_pairs = squares[:, own][:, :, own].reshape(len(samples), -1)

@@ -270,6 +270,12 @@ def places_of(members: Ints, count: int, absent: int = 0) -> Ints:
     return places
 
 
+def groups_of(numbers: Ints) -> list[Ints]:
+    """The sorted indices of each distinct number, one number after another."""
+    order = np.argsort(numbers, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(numbers) else []
+
+
 def children(parents: Ints, chosen: Ints) -> Ints:
     """Sorted indices of the (n,) sorted `parents` that are among (chosen,) sorted ones."""
     first, last = np.searchsorted(parents, chosen), np.searchsorted(parents, chosen, "right")

@@ -18,7 +18,19 @@ from wrinklecli.choices import Substance as SubstanceKind
 from wrinklecli.errors import AssetError, shortened
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, among, distinct_values, face_normals, ramp, unit
+from wrinklecli.numeric.arrays import (
+    TINY,
+    Bools,
+    Floats,
+    Ints,
+    among,
+    distinct,
+    distinct_values,
+    face_normals,
+    groups_of,
+    ramp,
+    unit,
+)
 from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.portions import portions
 from wrinklecli.surface.ground import Ground, read_ground
@@ -575,23 +587,14 @@ def _substances_at(ground: Ground) -> Ints:
 
     found = np.full(len(surface.triangles), SUBSTANCES.index("none"))
     wholes = np.stack([makeup.primitives, gauge.pieces], axis=1)
-    of_places(_groups(wholes), by_morph=False)
+    of_places(groups_of(distinct(wholes)[1]), by_morph=False)
     remaining = np.flatnonzero(found[gauge.numbers] != SUBSTANCES.index("hard"))
     colours = makeup.pictures.colours(makeup.mesh, makeup.primitives, makeup.corners, makeup.vertex_starts)
     # What the part of the body says is said of all of a piece, so shoes end where trousers as black as they begin.
     shod = np.array([part in _SHOD for part in bodies])[nodes]
     pieces = pieces_of(gauge.triangles, 2 * makeup.primitives + shod, colours, areas)
-    of_places([remaining[own] for own in _groups(pieces[remaining, None])], by_morph=True)
+    of_places([remaining[own] for own in groups_of(pieces[remaining])], by_morph=True)
     return found
-
-
-def _groups(keys: Ints) -> list[Ints]:
-    """The numbers of equal rows."""
-    if not len(keys):
-        return []
-    _, groups = np.unique(keys, axis=0, return_inverse=True)
-    groups = groups.reshape(-1)
-    return np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
 
 
 def is_rigid(gauge: Gauge) -> bool:

@@ -22,7 +22,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.edited_document import VERTEX_DATA, EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split_mesh import DividedPrimitive
-from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, renumbered, unit
+from wrinklecli.numeric.arrays import Floats, Ints, any_of, components, flags_of, groups_of, renumbered, unit
 from wrinklecli.numeric.guard import Progress, log_progress
 from wrinklecli.texture.layout import TexCoords, frames_of, material_of, mikk_tangents, own_uvs, signed_areas
 from wrinklecli.texture.map_set import GUTTER
@@ -240,9 +240,7 @@ def _charts(wrinkled: _Wrinkled, frames: Floats, size: int) -> tuple[Ints, Float
     import xatlas
 
     faces, fine = wrinkled.faces, wrinkled.plan.fine
-    pieces = _pieces(fine.surface.triangles[faces], frames)
-    order = np.argsort(pieces, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(pieces[order])) + 1)
+    groups = groups_of(_pieces(fine.surface.triangles[faces], frames))
     atlas = xatlas.Atlas()
     for group in groups:
         vertices, corners = renumbered(fine.surface.triangles[faces[group]])
