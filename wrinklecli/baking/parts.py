@@ -13,7 +13,7 @@ from wrinklecli.baking.refined_mesh import RefinedPrimitive
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
 from wrinklecli.gltf.split_mesh import Part
-from wrinklecli.numeric.arrays import Bools, Floats, Ints
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, distinct
 
 PARTS = "parts"
 """Key, in a node's `extras.wrinkle`, of the names of the nodes beside it that show the other parts of its mesh."""
@@ -69,10 +69,8 @@ def divided(moved: Bools, seen: Bools, *, own: int) -> tuple[Bools, Ints]:
     Returns:
         (parts, targets) the targets of each part, and (faces,) the part of each face.
     """
-    packed = np.packbits(moved, axis=1)
-    rows = packed.view(np.dtype((np.void, packed.shape[1]))).reshape(-1)
-    _, firsts, kind_of, counts = np.unique(rows, return_index=True, return_inverse=True, return_counts=True)
-    sets, groups = _joined(moved[firsts], counts.astype(np.float64))
+    firsts, kind_of = distinct(np.packbits(moved, axis=1))
+    sets, groups = _joined(moved[firsts], np.bincount(kind_of).astype(np.float64))
     part_of = groups[kind_of]
     for part, needed in enumerate(sets[:, own:]):
         needed &= seen[part_of == part, own:].any(axis=0)

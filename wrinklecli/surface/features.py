@@ -15,9 +15,11 @@ from wrinklecli.numeric.arrays import (
     among,
     children,
     components,
+    distinct,
     distinct_values,
     face_normals,
     flags_of,
+    renumbered,
     unit,
 )
 from wrinklecli.numeric.edges import Edges
@@ -75,10 +77,8 @@ def _firsts(triangles: Ints) -> Bools:
     Meshes have faces twice where both sides of cloth are drawn.
     """
     corners = np.sort(triangles, axis=1)
-    first: Bools = np.asarray((np.diff(corners, axis=1) != 0).all(axis=1))
-    order = np.lexsort(corners.T)
-    first[order[1:]] &= (np.diff(corners[order], axis=0) != 0).any(axis=1)
-    return first
+    proper: Bools = (np.diff(corners, axis=1) != 0).all(axis=1)
+    return flags_of(distinct(corners)[0], len(corners)) & proper
 
 
 def parts_of(triangles: Ints, features: Ints) -> Ints:
@@ -94,8 +94,7 @@ def parts_of(triangles: Ints, features: Ints) -> Ints:
 
 def _long(edges: Ints, positions: Floats, least: float) -> Bools:
     """(edges,) True for (edges, 2) that belong to a run whose box has a longer diagonal than `least`."""
-    vertices, local = np.unique(edges, return_inverse=True)
-    local = local.reshape(-1, 2)
+    vertices, local = renumbered(edges)
     run = components(local, len(vertices))
     low, high = np.full((run.max() + 1, 3), np.inf), np.full((run.max() + 1, 3), -np.inf)
     np.minimum.at(low, run, positions[vertices])
@@ -124,8 +123,8 @@ class Nearest:
 
         A vertex passes its features on to its neighbours: a hem counts on its own sleeve, not on a hip beside it.
         """
-        vertices, corners = np.unique(pose.triangles[members], return_inverse=True)
-        corners, positions = corners.reshape(-1, 3), pose.positions[vertices]
+        vertices, corners = renumbered(pose.triangles[members])
+        positions = pose.positions[vertices]
         ends = np.searchsorted(vertices, features[np.isin(features, vertices).all(axis=1)])
         if not len(ends):
             return None
