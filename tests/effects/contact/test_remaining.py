@@ -47,7 +47,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     crease = resolved(fold, most=7)
     followed = crease.follow(march_clip(crease.fold, clip, TIMES))
     assert not followed.faults
-    shown = shown_in([crease], [followed], [])
+    shown = shown_in([crease], [followed], [], [crease.fold])
     assert shown.remaining == (None,)
     assert (shown.heights.weights == 1.0).all()
     assert np.array_equal(shown.followed[0].weights, followed.weights)
@@ -59,7 +59,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     assert crease.player_error(apart, scale=1.0) == PlayerError(0.0, 0.0, silent=True)
 
     # A fit that presses what touches further in.
-    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], [])
+    pressed = shown_in([crease], [replace(followed, weights=-followed.weights)], [], [crease.fold])
     (own,), (left,) = pressed.followed, pressed.remaining
     assert left is not None
     assert own.faults

@@ -106,6 +106,20 @@ def test_a_fold_holds_what_it_meets_in_a_clip_however_far_from_the_joint(tmp_pat
 
 
 @pytest.mark.slow
+def test_a_fold_is_solved_without_what_contact_may_not_move(tmp_path: Path) -> None:
+    (fold, _), clips = folds_of("knees", tmp_path)
+    whole = with_crossings(fold, clips)
+    solved, counted = whole.solved_part, whole.counted_part
+    assert solved.near[solved.triangles].any(axis=1).all()
+    assert (counted.near | counted.raised)[counted.triangles].any(axis=1).all()
+    for part in (solved, counted):
+        assert np.array_equal(part.free_vertices, whole.free_vertices)
+    # Its tool moves vertices that contact does not, and these count.
+    raised = whole.vertices[whole.raised[: len(whole.vertices)]]
+    assert np.isin(raised, counted.vertices).all()
+
+
+@pytest.mark.slow
 def test_a_fold_that_only_a_clip_closes_has_shapes_of_the_clip_alone(
     tmp_path: Path,
 ) -> None:

@@ -147,12 +147,6 @@ class Fold:
         """True if anything of its own crosses without contact."""
         return bool(self.crossed[self.own].any())
 
-    def crossing_also(self, further: Ints) -> "Fold":
-        """The same fold where some fine vertices cross, too."""
-        crossed = self.crossed.copy()
-        crossed[: len(self.vertices)] |= np.isin(self.vertices, further)
-        return replace(self, crossed=crossed)
-
     @cached_property
     def apart(self) -> Floats:
         """(vertices,) distance at rest from the vertices that cross, solver's units.
@@ -173,12 +167,13 @@ class Fold:
 
     @property
     def solved_part(self) -> "Fold":
-        """The part that contact or the fold's tools may move, with neighbours, whose areas count for stiffness.
+        """The part of which contact may move a corner; nothing that changes further away changes its solution."""
+        return self.part(np.asarray(self.near[self.triangles].any(axis=1)))
 
-        Nothing that changes further away changes its solution.
-        """
-        beside = widened(self.crossings.edges, self.near | self.raised)
-        return self.part(np.asarray(beside[self.triangles].any(axis=1)))
+    @property
+    def counted_part(self) -> "Fold":
+        """The part of which contact or the fold's tools may move a corner: crossings are counted in it."""
+        return self.part(np.asarray((self.near | self.raised)[self.triangles].any(axis=1)))
 
     def part(self, chosen: Bools) -> "Fold":
         """The fold with the chosen (triangles,) and their vertices only."""

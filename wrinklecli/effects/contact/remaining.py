@@ -95,15 +95,18 @@ def nearness(strides: Floats, chosen: Ints) -> Floats:
     return np.asarray(np.maximum(1.0 - apart / FADE, 0.0))
 
 
-def shown_in(creases: "Sequence[Crease]", followed: "Sequence[Followed]", beside: "Sequence[Moves]") -> Shown:
+def shown_in(
+    creases: "Sequence[Crease]", followed: "Sequence[Followed]", beside: "Sequence[Moves]", counted: Sequence[Fold]
+) -> Shown:
     """Find what folds that are solved together show in a clip.
 
-    `beside` are the moves of folds that are solved before. Crossings are counted in frames in which contact acts, or
-    has a fault; and in all if anything crosses in a few of the others, as what never collides may.
+    `beside` are the moves of folds that are solved before, and `counted` the parts in which crossings are counted: in
+    frames in which contact acts, or has a fault; and in all if anything crosses in a few of the others, as what never
+    collides may.
     """
     clip, times = followed[0].clip, followed[0].times
     moves = [crease.moves(each) for crease, each in zip(creases, followed, strict=True)]
-    looks = [_Look(each.fold, clip, times, moves, beside) for each in creases]
+    looks = [_Look(fold, clip, times, moves, beside) for fold in counted]
     strides = np.concatenate([each.fold.strides(clip, times).T for each in creases])
     acting = np.flatnonzero(np.any([each.weights.any(axis=1) for each in followed], axis=0))
     torn = [each.torn_frames(clip, times, acting, [*beside, *moves]) for each in creases]
@@ -183,7 +186,7 @@ class _Look:
     """A fold in the frames of a clip.
 
     Attributes:
-        fold: The fold.
+        fold: The part of a fold in which crossings are counted.
         clip: The clip.
         times: (frames,) seconds at which it was marched.
         moves: The moves by contact of the folds that are solved together.

@@ -60,11 +60,12 @@ def resolve_folds(
     with one_thread():
         systems = _systems(folds, clips)
         at_once = max(1, min(how.jobs, len(systems)))
-        _refuse_large(systems, clips, how, at_once, where=plan.rig.node_name)
+        solved_parts = [[fold.solved_part for fold in members] for members in systems]
+        _refuse_large(solved_parts, clips, how, at_once, where=plan.rig.node_name)
         kept = _KEPT * how.memory.left / at_once
         chosen = _Clips(clips, duplicates_of(plan, clips), how.fps, kept)
-        for members, solved in zip(systems, _solved_systems(systems, chosen, how.jobs), strict=True):
-            made += _followed(plan, solved, chosen, made, how.jobs)
+        for members, solved in zip(systems, _solved_systems(solved_parts, chosen, how.jobs), strict=True):
+            made += _followed(plan, members, solved, chosen, made, how.jobs)
             done += len(members)
             how.progress("contact", done, len(folds))
     numbers = {each.name: number for number, each in enumerate(made) if isinstance(each.words, WrinkleWords)}
@@ -200,19 +201,22 @@ def _systems(folds: Sequence[Fold], clips: Sequence[Clip]) -> list[list[Fold]]:
         # Both count as equally thick.
         radius = (first.radius + other.radius) / 2.0
         members = [first] if other is first else [first, other]
-        systems.append([replace(each, radius=radius).solved_part for each in members])
+        systems.append([replace(each, radius=radius) for each in members])
     return systems
 
 
-def _followed(plan: MeshPlan, spanned: Spanned, clips: _Clips, effects: Sequence[Effect], jobs: int) -> list[Effect]:
+def _followed(
+    plan: MeshPlan, members: Sequence[Fold], spanned: Spanned, clips: _Clips, effects: Sequence[Effect], jobs: int
+) -> list[Effect]:
     """The effects of folds that are solved together, on top of earlier ones."""
+    counted = [fold.counted_part for fold in members if fold.crosses]
     creases, firsts = [crease for crease, _ in spanned], [*spanned[0][1]] if spanned else []
     before = [each.words for each in effects if isinstance(each.words, ContactWords)]
     work = list[Callable[[], Shown]]()
     for first in firsts:
         followed = [each[first] for _, each in spanned]
         beside = [each.crease.moves(each.followed[followed[0].clip.name]) for each in before]
-        work.append(partial(shown_in, creases, followed, beside))
+        work.append(partial(shown_in, creases, followed, beside, counted))
     shown = dict(zip(firsts, in_processes(call, work, jobs, shared=clips.every), strict=True))
     made: list[Effect] = []
     heights = clips.by_name({k: each.heights for k, each in shown.items() if (each.heights.weights < 1.0).any()})

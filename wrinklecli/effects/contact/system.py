@@ -175,7 +175,10 @@ def with_crossings(fold: Fold, clips: Sequence[Clip]) -> Fold:
 
     inputs = (wide.crossed, wide.raised, [fold.radius])
     found = wide.vertices[wide.searched(looks, len(wide.vertices), meeting, *inputs) > 0]
-    return grown(fold, found, FREE * SOFT * fold.radius / UNITS).crossing_also(found)
+    fold = grown(fold, found, FREE * SOFT * fold.radius / UNITS)
+    crossed = fold.crossed.copy()
+    crossed[: len(fold.vertices)] |= np.isin(fold.vertices, found)
+    return replace(fold, crossed=crossed)
 
 
 def _crossing_in(fold: Fold, looks: Sequence[Look], counting: Bools) -> Bools:
