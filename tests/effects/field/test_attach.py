@@ -308,7 +308,7 @@ def test_edges_of_low_crests_may_be_longer() -> None:
     edges = edges_of(rest.triangles[region.members])
     mesh = SimpleNamespace(of_vertices=lambda used, values: values[used], triangles=rest.triangles)
     steps, even = (each.steps(mesh)(edges) for each in (region, plain))
-    _, *numbers, _ = irregular.crests(rest.positions, rest.normals, region.directions, region.slants)
+    _, *numbers, _ = irregular.crests(rest.positions, rest.normals, region.directions, region.slants, region.leads)
     longer, higher = np.mean(numbers, axis=1)
     wanted = np.log(np.sqrt(higher[edges].max(axis=1)) / longer[edges].mean(axis=1))
     acting = (even > 0) & (region.shares[edges].max(axis=1) < 0.5)

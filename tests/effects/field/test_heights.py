@@ -19,6 +19,7 @@ from wrinklecli.effects.field.heights import (
     averages_over,
     measure,
 )
+from wrinklecli.effects.field.irregular import Irregular
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.laplacian import Sheet
 from wrinklecli.surface.rest import Rest
@@ -274,6 +275,32 @@ def test_longer_waves_are_higher_in_proportion() -> None:
 @pytest.mark.parametrize("one", SQUEEZES)
 def test_crests_run_straight_across_on_what_is_flat(one: float) -> None:
     assert squeezed(one)[1].slants == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("angle", [-1.0, 1.0])
+def test_of_a_twisted_limb_the_crests_along_it_lead(angle: float) -> None:
+    """A twist shortens it aslant, so crests that lean to one side are nearer to rings than those of the other side."""
+    rings, sides = 41, 24
+    x, turn = np.linspace(0.0, LENGTH, rings), 2.0 * np.pi * np.arange(sides) / sides
+    positions = np.stack(np.broadcast_arrays(x[:, None], np.cos(turn), np.sin(turn)), axis=2).reshape(-1, 3)
+    positions[:, 1:] *= 0.3
+    a = np.arange((rings - 1) * sides)
+    b = a - a % sides + (a + 1) % sides
+    triangles = np.concatenate([np.stack([a, a + sides, b], 1), np.stack([b, a + sides, b + sides], 1)])
+    share = positions[:, 0] / LENGTH
+    matrices = np.tile(np.eye(4), (2, 1, 1))
+    matrices[1, 1:3, 1:3] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    found = measured(positions, triangles, np.stack([1.0 - share, share], axis=1), matrices[None], radius=0.3)
+    inner = np.abs(share - 0.5) < 0.3
+    normals = at_rest(positions, triangles, 2).normals
+    lines, *_ = Irregular(WAVE, 0.0, "a").crests(positions, normals, found.directions, found.slants)
+    one, other = np.abs(np.cross(normals, lines)[:, :, 0])
+    assert np.sign(found.leads[inner]) == pytest.approx(np.sign(one - other)[inner])
+    assert np.abs(found.leads[inner]).min() > 0.2
+
+
+def test_no_side_leads_on_what_is_flat() -> None:
+    assert squeezed(0.4)[1].leads == pytest.approx(0.0, abs=1e-6)
 
 
 def test_crests_round_a_limb_are_those_between_flat_facets() -> None:

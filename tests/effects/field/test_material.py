@@ -125,6 +125,15 @@ def test_one_family_leads_over_a_length() -> None:
     assert np.mean(lengths) > 3.0
 
 
+def test_the_family_that_bends_less_along_its_crests_leads() -> None:
+    positions = plane(2.0, 2.0, 40)[0]
+    normals, directions = (np.tile(each, (len(positions), 1)) for each in ([0.0, 0, 1], [-1.0, 0, 0, 0, 0, 0]))
+    slants = np.full(len(positions), 0.5)
+    for sign in (1.0, -1.0):
+        _, _, heights, _ = Irregular(0.1, 0.15, "a").crests(positions, normals, directions, slants, sign)
+        assert (sign * (heights[0] - heights[1]) > 0).mean() > 0.95
+
+
 @EACH
 def test_of_two_waves_the_higher_one_is_seen(fabric: Fabric) -> None:
     one, other = fabric.wave(COSINES), fabric.wave(np.roll(COSINES[:-1], 90))

@@ -171,7 +171,8 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     seen = members[(shares[surface.triangles[members]] > UNSEEN).any(axis=1)]
     irregular = Irregular(wavelength, tool.variation, seed)
     tree = Tree.of(rest.positions, surface.triangles[seen])
-    region = FieldRegion(seen, rest, height, shares, measured.directions, measured.slants, wavelengths, irregular, tree)
+    crests = (measured.directions, measured.slants, measured.leads)
+    region = FieldRegion(seen, rest, height, shares, *crests, wavelengths, irregular, tree)
     return AttachedField(
         tool,
         fabric,

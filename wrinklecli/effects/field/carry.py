@@ -59,7 +59,8 @@ def displaced(attached: AttachedField, fine: Refinement, free: Floats, shown: Gr
     """
     shapes, region = attached.factors.shapes, attached.region
     count = len(shapes)
-    values = fine.subdivision.interpolate(np.vstack([shapes, region.directions.T, region.slants, region.wavelengths]).T)
+    carried = [shapes, region.directions.T, region.slants, region.leads, region.wavelengths]
+    values = fine.subdivision.interpolate(np.vstack(carried).T)
     greatest = values[:, :count].max(axis=1)
     faces = fine.triangles[(greatest[fine.triangles] > _LEAST * greatest.max()).any(axis=1)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
@@ -100,12 +101,12 @@ def _waves(
         sheet: The refined surface at rest.
         average: Over `NEAR` of it.
         normals: (vertices, 3) of it.
-        values: (vertices, 8) directions and slants of `Heights`, and wavelengths.
+        values: (vertices, 9) directions, slants and leads of `Heights`, and wavelengths.
         shares: (vertices,) parts of the greatest height.
     """
     fabric, places, irregular = attached.fabric, sheet.positions, attached.region.irregular
-    lines, longer, higher, agreed = irregular.crests(places, normals, values[:, :6], values[:, 6])
-    wavelengths, trust = values[:, 7] * longer, np.clip(shares, 0.0, 1.0)
+    lines, longer, higher, agreed = irregular.crests(places, normals, values[:, :6], *values[:, 6:8].T)
+    wavelengths, trust = values[:, 8] * longer, np.clip(shares, 0.0, 1.0)
 
     def families(broader: Floats | float) -> tuple[list[Sides], Floats]:
         found = [

@@ -5,7 +5,8 @@ A = λ/π √(ε (1 − ε)), to second order in ε. They are greatest at ε = �
 
 A crest that runs round a limb has to stretch as it rises. Flat facets do not: a thin tube that is shortened folds into
 diamonds. Their length round the limb is that of facets which sink as far as folds are high, so the crests between them
-run aslant to either side, the more the more the limb is curved. On what is flat they run straight across.
+run aslant to either side, the more the more the limb is curved. On what is flat they run straight across. Where a limb
+is compressed aslant, one side is nearer to a ring than the other, and that which has to stretch less leads.
 
 Source: Y. Yoshimura, *On the Mechanism of Buckling of a Circular Cylindrical Shell under Axial Compression*, NACA
 TM 1390, 1955 (the diamonds). Differs: the distance of crests is that of the material.
@@ -39,6 +40,9 @@ from wrinklecli.surface.strain import product, tangents
 # Lengths of averages, in wavelengths: of limits, a part of a wave; of strain, which folds even out over about a wave;
 # and that over which folds go on beyond the compression that makes them, and taper.
 NEAR, WAVE, BEYOND = 0.3, 0.8, 1.6
+# Length of a fold, in wavelengths, over which it is straight. If it followed directions that turn within less, as round
+# the pivot of a joint, it would be a ring round a pit.
+_FOLD = 3.0
 # Greatest slope of a wrinkle in the pose that engines show, beyond which its flanks overhang.
 _STEEPEST = 1.3
 # Height over the concave radius of the pose, above which opposite flanks of a crease meet.
@@ -66,14 +70,17 @@ class Heights:
 
     Attributes:
         heights: (poses, vertices) scene units, at rest.
-        directions: (vertices, 6) minus the mean, over a wave, of the products with itself of the unit direction that is
+        directions: (vertices, 6) minus the mean, over a fold, of the products with itself of the unit direction that is
             shortened most in all poses, weighted by their heights: the surface's wrinkles run across it.
         slants: (vertices,) sines of the angles by which crests are turned from that, to either side.
+        leads: (vertices,) how much more curved the surface is along crests turned to the second side than along those
+            turned to the first, over the sum: from -1 to 1.
     """
 
     heights: Floats
     directions: Floats
     slants: Floats
+    leads: Floats
 
 
 def averages_over(sheet: Sheet, wavelength: float) -> tuple[Average, ...]:
@@ -124,11 +131,20 @@ def measure(
         row += np.where(allowed > 0, np.maximum(shorter, 0.0) * taken_up, 0.0)
         total += (_squares(row) * (allowed * wavelengths) ** 2)[:, None] * strain
     least, lines, across = shortest(beyond.of(total), axes)
-    directions = -wave.of(product(lines, lines) * (least < across)[:, None])
-    crests = _stiffness_along(sheet, np.cross(normals, lines))
-    curved = np.abs(wave.of_integrals(np.sum((crests @ sheet.positions) * normals, axis=1)))
+    directions = -sheet.averaging(_FOLD * wavelength).of(product(lines, lines) * (least < across)[:, None])
+    lines = shortest(directions, axes)[1]
+    around = np.cross(normals, lines)
+    crests = _stiffness_along(sheet, around)
+
+    def curved_along(form: Any, average: Average) -> Floats:
+        return np.abs(average.of_integrals(np.sum((form @ sheet.positions) * normals, axis=1)))
+
     sunken = _FACETS * max(_typical_height(lost, sheet.areas), TINY)
-    slants = np.sqrt(np.minimum(curved * wavelengths / sunken, _MOST_ASLANT))
+    slants = np.sqrt(np.minimum(curved_along(crests, wave) * wavelengths / sunken, _MOST_ASLANT))
+    level, aslant = np.sqrt(1.0 - slants**2)[:, None] * around, slants[:, None] * lines
+    # Over a fold, as one that another one follows at once ends in a dent.
+    one, other = (curved_along(_stiffness_along(sheet, each), beyond) for each in (level - aslant, level + aslant))
+    leads = (other - one) / np.maximum(one + other, TINY)
     # Waves are longer along the compression than across their crests.
     wavelengths = wavelengths / np.sqrt(1.0 - slants**2)
     raising = np.einsum("vbc,vc->vb", inverses(rest.blended), normals)
@@ -146,7 +162,7 @@ def measure(
     made = np.sqrt(_squares(_slipped(lost, room[:, 0], slipping, slack)))
     drawn = np.maximum(made, sheet.averaging(BEYOND * wavelength, crests).of(made.T).T)
     heights = np.sqrt(np.minimum(drawn**2, room[:, 0])) * wavelengths / np.pi * allowed / room[:, 1]
-    return Heights(heights, directions, slants)
+    return Heights(heights, directions, slants, leads)
 
 
 def _typical_height(lost: Floats, areas: Floats) -> float:

@@ -3,8 +3,9 @@
 Equal ribs read as a machine's. In cloth few wide and high folds stand among narrow and low ones, so one number gives
 width and height of a crest. The number differs less along the crest, where another width forks it and another height
 ends it. Two families that cross everywhere would be dents without a direction. So one of them leads over folds several
-times as long as wide, and the other one where these end. All amounts are those of a variation of 1. The shapes are
-fixed, so irregularity costs nothing in a player.
+times as long as wide, and the other one where these end: the one that bends less along its crests, and where both bend
+alike, that which chance draws. All amounts are those of a variation of 1. The shapes are fixed, so irregularity costs
+nothing in a player.
 """
 
 from dataclasses import replace
@@ -22,6 +23,8 @@ from wrinklecli.surface.strain import tangents
 _WAVES, _SHORTEST, _LONGEST = 40, 1.6, 4.0
 # Times these lengths over which one family leads: a crest that has a number of its own ends there twice as seldom.
 _LEADS = 2.0
+# Standard deviations of chance that outweigh it where one family alone bends along its crests.
+_SURE = 3.0
 # Stands for 0 where numbers divide.
 _TINY = 1e-9
 # Logarithm by which wavelengths differ, and by how much heights differ.
@@ -43,9 +46,14 @@ class Irregular:
     seed: str
 
     def crests(
-        self, positions: Floats, normals: Floats, directions: Floats, slants: Floats
+        self,
+        positions: Floats,
+        normals: Floats,
+        directions: Floats,
+        slants: Floats,
+        leads: Floats | float = 0.0,
     ) -> tuple[Floats, Floats, Floats, Floats]:
-        """Draw the crests at (vertices, 3) places at rest with unit normals, by `Heights.directions` and `slants`.
+        """Draw the crests at (vertices, 3) places at rest with unit normals, by what `Heights` has of these names.
 
         Returns:
             (2, vertices, 3) unit lines across two families of crests, without signs; (2, vertices) factors of their
@@ -55,10 +63,15 @@ class Irregular:
         agreed = np.clip((across - least) / np.maximum(-across - least, _TINY), 0.0, 1.0)
         level, aslant = np.sqrt(1.0 - slants**2)[:, None] * lines, slants[:, None] * np.cross(normals, lines)
         both = np.stack([level + aslant, level - aslant])
-        return both, *self.varied(positions, lines, both, agreed), agreed
+        return both, *self.varied(positions, lines, both, agreed, leads), agreed
 
     def varied(
-        self, positions: Floats, lines: Floats, both: Floats, agreed: Floats | float = 1.0
+        self,
+        positions: Floats,
+        lines: Floats,
+        both: Floats,
+        agreed: Floats | float = 1.0,
+        leads: Floats | float = 0.0,
     ) -> tuple[Floats, Floats]:
         """(2, vertices) factors of the wavelength and of the height at (vertices, 3) places at rest, crest by crest.
 
@@ -70,10 +83,12 @@ class Irregular:
             lines: (vertices, 3) unit lines, without signs, across the bands in which one family leads.
             both: (2, vertices, 3) unit lines across the crests of each.
             agreed: (vertices,) how much lines agree with those beside them: where they turn at once, numbers do not.
+            leads: (vertices,) from -1 to 1, those of `Heights`.
         """
         numbers = self._smooth(positions, both, agreed)
         bands = replace(self, wavelength=_LEADS * self.wavelength, seed=f"{self.seed} leads")
-        ranks = numbers + np.multiply.outer([1.0, -1.0], bands._smooth(positions, lines, agreed))
+        leading = bands._smooth(positions, lines, agreed) + _SURE * leads
+        ranks = numbers + np.multiply.outer([1.0, -1.0], leading)
         much = 1.0 + np.tanh(_HEIGHTS * self.variation * ranks.mean(axis=0))
         part = 1.0 + np.tanh(_HEIGHTS * self.variation * (ranks - ranks[::-1]))
         return np.exp(_LENGTHS * self.variation * numbers), np.sqrt(much * part)

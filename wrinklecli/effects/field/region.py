@@ -32,7 +32,8 @@ class FieldRegion(Region):
         greatest_height: Of the displacement, scene units.
         shares: (vertices,) parts of it in any pose.
         directions: (vertices, 6) those of `Heights`: crests run across the least.
-        slants: (vertices,) those of `Heights`.
+        slants: (vertices,) those of `Heights`,
+        leads: (vertices,) and those, too.
         wavelengths: (vertices,) those of places at rest, scene units.
         irregular: How crests differ.
         tree: Finds nearest points on the members.
@@ -44,6 +45,7 @@ class FieldRegion(Region):
     shares: Floats
     directions: Floats
     slants: Floats
+    leads: Floats
     wavelengths: Floats
     irregular: Irregular
     tree: Tree
@@ -90,7 +92,7 @@ class FieldRegion(Region):
         pose = self.pose
         heights = self.greatest_height * self.shares
         coarse = np.column_stack(
-            [pose.positions, pose.normals, self.directions, heights, self.wavelengths, self.slants]
+            [pose.positions, pose.normals, self.directions, heights, self.wavelengths, self.slants, self.leads]
         )
 
         count = int(mesh.triangles.max(initial=-1)) + 1
@@ -99,10 +101,10 @@ class FieldRegion(Region):
 
         def found(ends: Ints) -> Floats:
             new = distinct_values(ends[~known[ends]])
-            places, normals, directions, heights, wavelengths, slants = np.split(
+            places, normals, directions, heights, wavelengths, sides = np.split(
                 mesh.of_vertices(new, coarse), [3, 6, 12, 13, 14], axis=1
             )
-            lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions, slants[:, 0])
+            lines, longer, higher, _ = self.irregular.crests(places, unit(normals), directions, *sides.T)
             steep = np.minimum(heights[:, 0] * higher / wavelengths[:, 0] / _STEEP, 1.0)
             known_places[:, new], known[new] = places.T, True
             known_crests[:3, :, new] = np.moveaxis(lines, 2, 0)
