@@ -68,15 +68,13 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
     influences = fine.influences(matrices.shape[1], np.arange(len(fine.positions))).sparse()
     slopes, surface = _Slopes.of(fine, attached), _Posed(fine, matrices, ways, influences)
     raised = weights @ heights
-    counting = weights @ heights > 0
+    counting = raised > 0
     if attached.tool.contact is None:
-        # In all poses, crossings take half of a bake's time. So each shape is looked at where it acts most, and with
-        # its crease where both do: in clips and in sweeps, since other joints stand otherwise there.
-        acting = np.hstack([weights, weights[:, own - 1] * weights[:, own]])
-        kinds = np.where(of_clips == np.array([[True], [False]]), 1.0, 0.0)
-        tops = (kinds[:, :, None] * acting).argmax(axis=1)
-        most = (np.arange(len(weights))[:, None] == tops[:, None]).any(axis=0)
-        counting = most @ np.vstack([heights, heights[own]]) > 0
+        # Clips are what is seen, and beside their deepest moments other places cross. In all poses of sweeps, crossings
+        # take half of a bake's time: so each shape is looked at where it acts most, and with its crease where both do.
+        acting = np.where(of_clips[:, None], 0.0, np.hstack([weights, weights[:, own - 1] * weights[:, own]]))
+        most = np.arange(len(weights))[:, None] == acting.argmax(axis=0)
+        counting &= of_clips[:, None] | (most @ np.vstack([heights, heights[own]]) > 0)
     looks = [*_turning(surface, raised, slopes), *_crossing(surface, raised, counting)]
     halvings, looked = np.zeros(heights.shape), looks
     left = np.repeat(_below_layers(ground, fine, raised.max(axis=0), ways, slopes), len(heights), axis=0)
