@@ -148,6 +148,19 @@ def test_turns_that_raise_one_fold_together_are_fitted_together() -> None:
     assert np.linalg.norm(together - true) < 0.7 * np.linalg.norm(added[mixed] - true)
 
 
+def test_two_joints_fold_what_is_between_them_as_high_as_the_one_that_bends_farther() -> None:
+    """The greater of two angles is half of their sum and of their difference."""
+    poses = sweeps(2, mixtures=12)
+    one, other = poses.angles.T
+    between = Turn(replace(turn(0, ANGLES).signal, parent=1), np.linspace(-1.6, 1.6, 9), ())
+    both = replace(poses, turns=(*poses.turns, between), angles=np.column_stack([poses.angles, one - other]))
+    heights = 0.02 * np.outer(np.maximum(one, other), bump(0.5))
+    apart, together = (factors_of(each, heights, AREAS, MOST) for each in (poses, both))
+    assert apart.turns.tolist() == [0, 1]
+    assert together.turns.tolist() == [0, 1, 2]
+    assert together.error < apart.error / 3.0
+
+
 def test_a_turn_that_folds_nothing_has_no_shape() -> None:
     poses, heights = saturated(1)
     idle = sweeps(3)

@@ -26,12 +26,12 @@ def rigid_parts(matrices: Floats, to_bind: Floats) -> tuple[Floats, Floats]:
     one, _, other = np.linalg.svd(moved[:, :3, :3])
     turns = one @ other
     turns = turns * np.sign(np.linalg.det(turns))[:, None, None]
-    real = _quaternions(turns)
+    real = quaternions_of(turns)
     shift = np.concatenate([moved[:, :3, 3], np.zeros((len(moved), 1))], axis=1)
     return real, 0.5 * quaternion_product(shift, real)
 
 
-def _quaternions(turns: Floats) -> Floats:
+def quaternions_of(turns: Floats) -> Floats:
     """(n, 4) unit quaternions of (n, 3, 3) rotation matrices.
 
     Source: the symmetric matrix of I. Y. Bar-Itzhack, *New Method for Extracting the Quaternion from a Rotation

@@ -81,6 +81,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
     def values(self, names: Sequence[str]) -> Json:
         """Its folds, the joints that turn it, and how far tables of their angles are off."""
         attached, factors = self.attached, self.attached.factors
+        between = {turn.signal for turn in attached.sweeps.turns if not turn.joints}
         return {
             "material": attached.tool.material,
             "wavelength": significant(attached.wavelength),
@@ -88,6 +89,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
             "turns": [
                 {
                     "joint": names[signal.node],
+                    **({"against": names[signal.parent]} if signal in between else {}),
                     "degrees": [round(float(np.degrees(end)), 1) for end in (table.rows[0], table.rows[-1])],
                     "shapes": table.table.shape[1],
                 }

@@ -5,15 +5,15 @@ compressed one way is stretched the other. A second shape one way would show bet
 but would move all places that fold in both again, which is half of a file. So the second one is a crease: it takes
 back what has no room beyond half of the bend, which is little, and folds stand there until the joint closes. Heights of
 several turns do not add up, since they go with the root of the compression: so shapes and tables are fitted to mixtures
-of turns, too.
+of turns, too. Two joints have a shape between them, for what one of them folds higher alone than both together.
 
 Source: A. Cichocki, R. Zdunek, S. Amari, *Hierarchical ALS Algorithms for Nonnegative Matrix and 3D Tensor
 Factorization*, ICA 2007: one row after the other takes its best values beside all others. Differs: the weights in poses
-are looked up in tables, and these are what is fitted; shapes are limited by what their turn alone folds, so each stays
-near its joint.
+are looked up in tables, and these are what is fitted; a shape is only where its turn alone folds the surface, so each
+stays near its joint; and what is too low to be seen is cut off in each round, so that the others make up for it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -80,9 +80,13 @@ class Factors:
         return found, kept
 
     def creased(self, sweeps: Sweeps, most: int) -> "Factors":
-        """Add creases to the shapes, of which there are then at most so many: the turns that fold most get one."""
-        order = np.repeat(np.arange(len(self.turns)), 2)
-        creases = np.arange(len(order)) % 2 == 1
+        """Add creases to the shapes, of which there are then at most so many: the turns that fold most get one.
+
+        What is between two joints has no bend of its own, at whose end there is no room.
+        """
+        own = [len(sweeps.turns[turn].joints) > 0 for turn in self.turns]
+        order = np.repeat(np.arange(len(self.turns)), 1 + np.array(own, np.intp))
+        creases = np.append(False, order[1:] == order[:-1])
         tables = [
             self.tables[k] * (_late(sweeps.turns[self.turns[k]].angles) if crease else 1.0)
             for k, crease in zip(order.tolist(), creases, strict=True)
@@ -101,54 +105,79 @@ class Factors:
 def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Factors:
     """Find at most so many shapes for (poses, vertices) heights, with (vertices,) areas by which they count."""
     scale = float(heights.max(initial=0.0))
-    sizes = np.sqrt(areas / areas.sum())
-    sides = [
-        (turn, poses)
-        for turn in range(len(sweeps.turns))
-        for poses in (
-            np.flatnonzero((sweeps.owners == turn) & (sign * sweeps.angles[:, turn] > 0)) for sign in (-1.0, 1.0)
-        )
-        if heights[poses].max(initial=0.0) > _LEAST * scale
-    ]
-    volumes = [float(np.linalg.norm(heights[poses] * sizes, axis=1).max()) for _, poses in sides]
-    ranked = _ranked(sweeps, [turn for turn, _ in sides], volumes)
-    turns, shapes, limits, tables = [], [], [], []
-    for turn, poses in (sides[k] for k in sorted(ranked[:most])):
-        own, angles = sweeps.angles[poses, turn], sweeps.turns[turn].angles
-        turns.append(turn)
-        tables.append(np.maximum(angles / own[np.argmax(np.abs(own))], 0.0))
-        shapes.append(np.abs(own) @ heights[poses] / np.abs(own).sum())
-        limits.append(heights[poses].max(axis=0))
-    if not turns:
+    parts = areas / areas.sum()
+    sides = [side for side in _sides(sweeps, heights) if side.tops.max() > _LEAST * scale]
+    volumes = [float(np.sqrt(side.tops**2 @ parts)) for side in sides]
+    ranked = _ranked(sweeps, [side.turn for side in sides], volumes)
+    chosen = [sides[k] for k in sorted(ranked[:most])]
+    if not chosen:
         none = np.zeros(0, np.intp)
         return Factors(none, np.zeros((0, heights.shape[1])), (), 0.0, 0.0, np.zeros((0, 0)), none > 0)
-    owners = np.array(turns)
-    draft, limit = np.stack([shapes, limits]) * sizes
-    fitted, tables = _fitted(sweeps, owners, tables, draft, limit, heights * sizes)
-    fitted = fitted / sizes
-    seen = seen_of(fitted) * sizes
-    gaps = heights * sizes - weights_of(sweeps, owners, tables) @ seen
-    whole = np.linalg.norm(heights * sizes)
-    return Factors(
+    owners = np.array([side.turn for side in chosen])
+    # A shape may be higher than these where its turn alone folds what is seen.
+    limits = [side.tops / np.maximum(1.0 - side.tops / (UNSEEN * scale), TINY) for side in chosen]
+    drafts, tables = np.stack([side.draft for side in chosen]), [side.table for side in chosen]
+    whole, tables = _fitted(sweeps, owners, tables, drafts, np.stack(limits), heights, parts)
+    seen, size = seen_of(whole), np.linalg.norm(heights * np.sqrt(parts))
+    gaps = heights - weights_of(sweeps, owners, tables) @ seen
+    factors = Factors(
         turns=owners,
-        shapes=fitted,
+        shapes=whole,
         tables=tuple(tables),
-        error=float(np.linalg.norm(gaps) / whole),
-        best=_best(seen, heights * sizes),
-        products=(fitted * sizes**2) @ fitted.T,
+        error=float(np.linalg.norm(gaps * np.sqrt(parts)) / size),
+        best=_best(seen * np.sqrt(parts), heights * np.sqrt(parts)),
+        products=(whole * parts) @ whole.T,
         creases=np.zeros(len(owners), np.bool_),
-        left_out=tuple(sides[k][0] for k in ranked if sides[k][0] not in turns),
+        left_out=tuple(sides[k].turn for k in ranked if sides[k].turn not in owners),
     )
+    return factors.some(np.flatnonzero(seen.any(axis=1)))
 
 
-def seen_of(heights: Floats) -> Floats:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Side:
+    """What a turn folds one way, or two joints between them.
+
+    Attributes:
+        turn: The number of the turn.
+        tops: (vertices,) the greatest heights that it makes alone.
+        draft: (vertices,) a first shape.
+        table: (angles,) its first weights.
+    """
+
+    turn: int
+    tops: Floats
+    draft: Floats
+    table: Floats
+
+
+def _sides(sweeps: Sweeps, heights: Floats) -> Iterator[_Side]:
+    """The sides of all turns that (poses, vertices) heights show."""
+    nodes = np.array([turn.signal.node for turn in sweeps.turns])
+    for number, turn in enumerate(sweeps.turns):
+        if not turn.joints:
+            # Between two joints is what both fold.
+            pair = turn.signal.node, turn.signal.parent
+            alone = [heights[(sweeps.owners >= 0) & (nodes[sweeps.owners] == node)].max(axis=0) for node in pair]
+            sizes = np.abs(turn.angles)
+            yield _Side(number, np.minimum(*alone), np.zeros(heights.shape[1]), sizes / sizes.max())
+            continue
+        for sign in (-1.0, 1.0):
+            poses = np.flatnonzero((sweeps.owners == number) & (sign * sweeps.angles[:, number] > 0))
+            if len(poses):
+                own = np.abs(sweeps.angles[poses, number])
+                draft = own @ heights[poses] / own.sum()
+                yield _Side(number, heights[poses].max(axis=0), draft, np.maximum(sign * turn.angles / own.max(), 0.0))
+
+
+def seen_of(heights: Floats, greatest: float | None = None) -> Floats:
     """(…,) heights of which nothing is left where they are below `UNSEEN`, and where they are tall hardly less.
 
-    To take as much from all of them as from the lowest would lower a garment's folds by a fifth.
+    They are compared with the greatest of all shapes, which is among them if it is not given. To take as much from all
+    of them as from the lowest would lower a garment's folds by a fifth.
 
     Source: L. Breiman, *Better Subset Regression Using the Nonnegative Garrote*, Technometrics 37, 1995.
     """
-    least = UNSEEN * heights.max(initial=0.0)
+    least = UNSEEN * (heights.max(initial=0.0) if greatest is None else greatest)
     return np.asarray(np.maximum(heights - least * (least / np.maximum(heights, max(least, TINY))), 0.0))
 
 
@@ -187,19 +216,31 @@ def _size(rows: Floats, products: Floats) -> float:
 
 
 def _fitted(
-    sweeps: Sweeps, owners: Ints, tables: Sequence[Floats], shapes: Floats, limits: Floats, heights: Floats
+    sweeps: Sweeps,
+    owners: Ints,
+    tables: Sequence[Floats],
+    shapes: Floats,
+    limits: Floats,
+    heights: Floats,
+    parts: Floats,
 ) -> tuple[Floats, list[Floats]]:
-    """(shapes, vertices) shapes within limits and their tables, 1 at most, that fit (poses, vertices) heights."""
+    """(shapes, vertices) shapes and their tables, of which the greatest weight is 1.
+
+    What is seen of the shapes fits (poses, vertices) heights, which count by (vertices,) parts of the area: other
+    shapes make up for what is cut off one. None is above its (shapes, vertices) limits.
+    """
     shares = [
         weights_of(sweeps, np.full(len(table), owner), list(np.eye(len(table))))
         for owner, table in zip(owners, tables, strict=True)
     ]
-    found = [table.copy() for table in tables]
+    found, whole = [table.copy() for table in tables], shapes.copy()
+    seen = seen_of(whole)
     for _ in range(_ROUNDS):
-        weights = np.stack([share @ table for share, table in zip(shares, found, strict=True)], axis=1)
-        shapes = np.minimum(_nearer(shapes, weights.T @ heights, weights.T @ weights), limits)
-        products = shapes @ shapes.T
-        gaps = heights @ shapes.T - weights @ products
+        weights, products = (
+            np.stack([share @ table for share, table in zip(shares, found, strict=True)], axis=1),
+            (seen * parts) @ seen.T,
+        )
+        gaps = (heights * parts) @ seen.T - weights @ products
         for k, (share, table) in enumerate(zip(shares, found, strict=True)):
             for angle in np.flatnonzero(table).tolist():
                 own = share[:, angle]
@@ -208,8 +249,15 @@ def _fitted(
                 step = max(step, -table[angle] / 2.0)
                 table[angle] += step
                 gaps -= step * np.outer(own, products[k])
-    tops = np.array([table.max() for table in found])
-    return shapes * tops[:, None], [table / top for table, top in zip(found, tops, strict=True)]
+        tops = np.array([table.max() for table in found])
+        found, seen = [table / top for table, top in zip(found, tops, strict=True)], tops[:, None] * seen
+        weights = np.stack([share @ table for share, table in zip(shares, found, strict=True)], axis=1)
+        wanted, products = weights.T @ heights, weights.T @ weights
+        for k, row in enumerate(products):
+            nearest = seen[k] + (wanted[k] - row @ seen) / max(row[k], TINY)
+            whole[k] = np.clip(nearest, 0.0, limits[k])
+            seen[k] = seen_of(whole[k], float(whole.max()))
+    return whole, found
 
 
 def _nearer(values: Floats, wanted: Floats, products: Floats) -> Floats:
