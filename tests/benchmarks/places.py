@@ -6,10 +6,10 @@
 
 A row of places.csv is a place or a field that was looked at twice, without and with wrinkles and blind to the score,
 with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
-nothing where no `limb` folds, so such places are in the counts alone; and no tool where a field lies, so that places
-that are not `bare` are in the fit alone. Fields and lines of a face are weighed as folds of limbs are, but for a bias
-and a weight of `seen` of their own: a fit to all alike drops fields between plates of armour, and toes, which artists
-keep.
+nothing where no `limb` folds, nor a field that would be level, so such places are in the counts alone; and no tool
+where a field lies, so that places that are not `bare` are in the fit alone. Fields and lines of a face are weighed as
+folds of limbs are, but for a bias and weights of `seen` and `much` of their own: a fit to all alike drops fields
+between plates of armour, and toes, which artists keep.
 A row of two fields, left and right, has the merits of the one that scores less: both are proposed, or none.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
@@ -31,6 +31,7 @@ import csv
 import json
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,6 +66,8 @@ FIELD = "field "
 LINES = re.compile("brow|forehead|glabella|cheek|Fcl_")
 # Digits of a weight: merits have three.
 DIGITS = 3
+# Merits that have weights of their own for fields and lines of a face.
+OWN = ("seen", "much")
 # Part of what is proposed that should be kept.
 ASKED = 0.8
 
@@ -105,39 +108,39 @@ class Places:
 class Fit:
     """The (merits,) weights of a fit, (2,) biases of "at least weak" and of "keep", and what is not of folds alone.
 
-    Fields and lines of a face have (2,) biases of their own, and a weight of the merit `seen` beside that of folds.
+    Fields and lines of a face have (2,) biases of their own, and weights of the merits `OWN` beside those of folds.
     """
 
     weights: Floats
     biases: Floats
     other_biases: Floats
-    other_seen: float
+    other_weights: Floats
 
     @classmethod
     def of(cls, places: Places) -> "Fit":
         """Fit weights to folds of limbs, and to fields and lines of a face what these have of their own."""
-        folds, others = places.only(places.limbs & places.folds), places.only(~places.folds)
+        folds, others = (places.only(places.limbs & own) for own in (places.folds, ~places.folds))
         weights, biases = _fitted(folds.logs, folds.verdicts)
-        (seen,), other_biases = _fitted(_seen(others), others.verdicts, others.logs @ weights)
-        return cls(weights, biases, other_biases, float(seen))
+        other_weights, other_biases = _fitted(_own(others), others.verdicts, others.logs @ weights)
+        return cls(weights, biases, other_biases, other_weights)
 
     def chances(self, places: Places) -> Floats:
         """(places, 2) probabilities of "at least weak" and of "keep"."""
-        of_others = self.other_biases + self.other_seen * _seen(places)
+        of_others = self.other_biases + (_own(places) @ self.other_weights)[:, None]
         sums = (places.logs @ self.weights)[:, None] + np.where(places.folds[:, None], self.biases, of_others)
         found: Floats = places.limbs[:, None] / (1.0 + np.exp(-sums))
         return found
 
 
-def _seen(places: Places) -> Floats:
-    """(places, 1) logarithms of the merit `seen`."""
-    return places.logs[:, [places.names.index("seen")]]
+def _own(places: Places) -> Floats:
+    """(places, merits) logarithms of the merits `OWN`."""
+    return places.logs[:, [places.names.index(name) for name in OWN]]
 
 
 def _fitted(logs: Floats, verdicts: NDArray[np.intp], known: Floats | float = 0.0) -> tuple[Floats, Floats]:
     """Weights of (places, merits) logarithms, and two biases, beside a (places,) sum that is known."""
-    means, deviations = logs.mean(axis=0), logs.std(axis=0)
-    deviations[deviations == 0] = 1.0
+    # A merit that is known of none of the places has one value, and gets no weight.
+    means, deviations = logs.mean(axis=0), np.where(np.ptp(logs, axis=0) > 0, logs.std(axis=0), 1.0)
     scaled, count = (logs - means) / deviations, logs.shape[1]
 
     def loss(values: Floats) -> tuple[float, Floats]:
@@ -252,14 +255,14 @@ def weights_of(places: Places) -> dict[str, object]:
     """The weights as the program reads them."""
     fit = Fit.of(places)
 
-    def by_name(values: Floats) -> dict[str, float]:
-        return dict(zip(places.names, np.round(values, DIGITS).tolist(), strict=True))
+    def by_name(values: Floats, names: Sequence[str] = places.names) -> dict[str, float]:
+        return dict(zip(names, (np.round(values, DIGITS) + 0.0).tolist(), strict=True))
 
     return {
         "least": least_of(places, left_out(places)),
         "bias": round(float(fit.biases[1]), DIGITS),
         "weights": by_name(fit.weights),
-        "others": {"bias": round(float(fit.other_biases[1]), DIGITS), "seen": round(fit.other_seen, DIGITS)},
+        "others": {"bias": round(float(fit.other_biases[1]), DIGITS), **by_name(fit.other_weights, OWN)},
         "kept": by_name(usual_of(places)),
     }
 

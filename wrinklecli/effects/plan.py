@@ -202,8 +202,11 @@ def plan_on(
         copies=tuple(rig.names[node] for node in ground.contacts.copies),
         unread=tuple(ground.contacts.unread.values()),
     )
-    if not carried:
-        return plan
+    return carry(plan, ground, attached) if carried else plan
+
+
+def carry(plan: MeshPlan, ground: Ground, attached: Sequence[AnyAttached]) -> MeshPlan:
+    """Let a refined surface carry the effects for which it is refined, kind by kind."""
     firsts = np.cumsum([0, *(len(each.regions) for each in attached)]).tolist()
     numbered = list(zip(firsts, attached, strict=False))
     for section, kind in kinds_of(each.tool for each in attached).items():

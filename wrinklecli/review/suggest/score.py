@@ -32,9 +32,10 @@ class Merits:
         around: How far the sides of the place are turned away from each other: 1 around a thin limb, 0.5 on a plane.
         uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve, and lace has holes.
         fine: Part of the triangles that its wrinkles need, in the asset: on fewer they are bars with kinks.
+        much: How much of a garment folds: few folds on a smooth one look like faults.
 
-    The last four are NaN for what is no fold of a limb: lines of a face, and fields. Then they count as they do at
-    places that artists keep.
+    Four are NaN for what is no fold of a limb: lines of a face, and fields; the last is NaN for all but fields. Then
+    they count as they do at places that artists keep.
     """
 
     seen: float
@@ -44,6 +45,7 @@ class Merits:
     around: float
     uniform: float
     fine: float
+    much: float
 
 
 REASONS = {
@@ -54,6 +56,7 @@ REASONS = {
     "around": ("around no limb", "it reaches around no limb: {}, where a plane has 50 % and a thin limb 100 %"),
     "uniform": ("across a border", "it lies across the border of what it is made of: {} of it is of one substance"),
     "fine": ("few triangles", "the mesh is coarse there: it has {} of the triangles that its wrinkles need"),
+    "much": ("few folds", "hardly anything of it folds: {} of what looks like cloth"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
@@ -76,11 +79,11 @@ class Score:
     def of(cls, merits: Merits) -> "Score":
         """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing.
 
-        What is no fold of a limb has a bias of its own, and needs more to be seen.
+        What is no fold of a limb has a bias of its own, and adds weights of its own.
         """
         fitted = _fitted()
-        own = fitted["others"] if math.isnan(merits.closed) else {"bias": fitted["bias"], "seen": 0.0}
-        weights = {**fitted["weights"], "seen": fitted["weights"]["seen"] + own["seen"]}
+        own = fitted["others"] if math.isnan(merits.closed) else {"bias": fitted["bias"]}
+        weights = {name: weight + own.get(name, 0.0) for name, weight in fitted["weights"].items()}
         known = {
             name: float(np.log2(np.clip(value, LEAST, 1.0)))
             for name, value in asdict(merits).items()

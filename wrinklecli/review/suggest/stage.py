@@ -9,7 +9,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.skin import SkinnedMesh
 from wrinklecli.effects.attached import AnyAttached
 from wrinklecli.effects.effect import MeshPlan, Part
-from wrinklecli.effects.plan import sketch
+from wrinklecli.effects.plan import carry
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import (
     Bools,
@@ -27,6 +27,7 @@ from wrinklecli.numeric.arrays import (
 )
 from wrinklecli.numeric.intersections import Crossings, sides_of
 from wrinklecli.review.suggest.layers import Layers
+from wrinklecli.surface.ground import Ground
 
 # Part of a tool's greatest displacement above which a vertex is on its place.
 _LEAST = 0.05
@@ -45,25 +46,23 @@ class Placement:
 
     Attributes:
         plan: The mesh.
+        ground: The same at rest.
         attached: The tool or the field at rest.
     """
 
     plan: MeshPlan
+    ground: Ground
     attached: AnyAttached
 
     @cached_property
     def part(self) -> Part:
-        """It on the refined mesh, which carries a field only now, and does not lower it.
+        """It on the refined mesh, which carries a field only now, lowered as a bake lowers it.
 
         Raises:
             BakeError: It moves nothing.
         """
-        for part in self.plan.parts:
-            if part.attached.tool.name == self.attached.tool.name:
-                return part
-        sketched = sketch(self.attached, 0, self.plan.fine, np.zeros(0, np.bool_))
-        assert sketched is not None, "it moves the skin"
-        return sketched
+        plan = self.plan if self.plan.layers else carry(self.plan, self.ground, [self.attached])
+        return next(part for part in plan.parts if part.attached.tool.name == self.attached.tool.name)
 
     @property
     def targets(self) -> Sequence[Ints]:
@@ -178,6 +177,15 @@ class StagedTool:
         before = unit(self.flat_normals)
         turns = vertex_normals(self.wrinkled, self.triangles) - vertex_normals(self.plain, self.triangles)
         return (self.flat_positions, before), (self.wrinkled, before + turns)
+
+    @property
+    def turned(self) -> float:
+        """The area of the place times the sines of the angles by which wrinkles turn it, scene units squared."""
+        (flat, before), (_, after) = self.shown
+        triangles = self.triangles[self.place]
+        areas = np.linalg.norm(face_normals(flat, triangles), axis=1) / 2.0
+        one, other = (unit(each[triangles].mean(axis=1)) for each in (before, after))
+        return float(areas @ np.linalg.norm(np.cross(one, other), axis=1))
 
     @cached_property
     def height(self) -> float:

@@ -179,10 +179,10 @@ class Trial:
 
     @property
     def _is_carried(self) -> bool:
-        """False for a field: a bake lowers it where it turns triangles over, which takes longest and always works."""
+        """False for a field: to carry it takes long, and what it costs is known before."""
         return all(each.segment is not None for each in self.attached)
 
     def _placed(self, refinement: RefinementSettings) -> dict[str, Placement]:
         settings = replace(self.settings, refinement=refinement)
         plan = plan_on(self.ground, self.attached, settings, BakeOptions().max_error, carried=self._is_carried)
-        return {each.tool.name: Placement(plan, each) for each in self.attached}
+        return {each.tool.name: Placement(plan, self.ground, each) for each in self.attached}
