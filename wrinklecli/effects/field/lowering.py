@@ -121,18 +121,18 @@ def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Boo
     a triangle.
     """
     sweeps, factors = attached.sweeps, attached.factors
+    matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
     drive = replace(attached.drive, strengths={}, strength=1.0)
-    matrices, weights = [], []
     for clip in ground.clips:
         times = np.linspace(clip.start, clip.end, _MOMENTS)
         matrices.append(joint_matrices(ground.rig, clip, times))
         weights.append(drive.weights_in(ground.rig, clip)(times))
-    every = np.concatenate([*weights, weights_of(sweeps, factors.turns, factors.tables)])
-    # A clip that goes to and fro has each pose twice, and sweeps have some of a clip's.
-    own = np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1]
-    of_clips = _MOMENTS * len(ground.clips)
-    chosen = own[np.lexsort((own, -(every[own] ** 2).sum(axis=1), own >= of_clips))][:_POSES]
-    return np.concatenate([*matrices, sweeps.matrices])[chosen], every[chosen], chosen < of_clips
+    every = np.concatenate(weights)
+    # A clip that goes to and fro has each pose twice.
+    own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
+    of_sweeps = own < len(sweeps.matrices)
+    chosen = own[np.lexsort((-(every[own] ** 2).sum(axis=1), of_sweeps))][:_POSES]
+    return np.concatenate(matrices)[chosen], every[chosen], chosen >= len(sweeps.matrices)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
