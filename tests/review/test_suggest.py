@@ -237,7 +237,8 @@ def test_a_budget_keeps_what_fits(tmp_path: Path) -> None:
     path = limb(tmp_path / "limb.glb")
     (tool,) = suggest_once(path, count=1).tools
     assert 0 < tool.gpu_bytes < 8e6
-    assert suggest_once(path, count=1, budget=tool.gpu_bytes).tools == (tool,)
+    # A merit that is unknown is NaN, which equals nothing.
+    assert repr(suggest_once(path, count=1, budget=tool.gpu_bytes).tools) == repr((tool,))
     poor = suggest(path, count=1, budget=1)
     assert (poor.tools, poor.reason) == (
         (),

@@ -48,3 +48,9 @@ def test_what_is_no_fold_of_a_limb_has_to_be_seen_more() -> None:
         [Score.of(replace(each, closed=closed)).keep for each in (seen, hidden)] for closed in (GOOD.closed, math.nan)
     )
     assert other[1] / other[0] < fold[1] / fold[0]
+
+
+@pytest.mark.parametrize("place", [GOOD, FIELD])
+def test_what_a_place_wants_most_is_known(place: Merits) -> None:
+    best = Merits(**{name: value if math.isnan(value) else 1.0 for name, value in asdict(place).items()})
+    assert not math.isnan(Score.of(best).reason[1])

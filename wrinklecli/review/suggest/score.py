@@ -92,7 +92,7 @@ class Score:
         logs = {**fitted["kept"], **known}
         behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in weights.items()}
         log_odds = own["bias"] + sum(weight * logs[name] for name, weight in weights.items())
-        return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(behind, key=behind.__getitem__))
+        return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(known, key=behind.__getitem__))
 
     @property
     def is_kept(self) -> bool:
