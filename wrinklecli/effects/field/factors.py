@@ -135,7 +135,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Side:
-    """What a turn folds one way, or two joints between them.
+    """The folds of a turn one way, or those between two joints.
 
     Attributes:
         turn: The number of the turn.
