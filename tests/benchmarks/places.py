@@ -3,6 +3,9 @@
     python tests/benchmarks/places.py            says how often it is right on characters that it was not fitted to
     python tests/benchmarks/places.py --write    also writes the weights that the program reads
     python tests/benchmarks/places.py DIR…       first looks anew what the wanted places get
+    python tests/benchmarks/places.py DIR… --measure FILE
+                                                 first measures the fields anew, on all cores, into FILE, from which it
+                                                 goes on if it was stopped, and from there into the tables
 
 A row of places.csv is a place or a field that was looked at twice, without and with wrinkles and blind to the score,
 with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
@@ -20,7 +23,7 @@ proposals, of tools and of tools and fields together, are kept by the mean of bo
 A row of unseen.csv is a place that the fit does not have: nobody had seen its character before what is proposed there.
 When a fit learns from such rows, they move to places.csv, and others are looked for. Fields on a penguin, of which
 nothing says that it wears no clothes, stay: nobody keeps them, and the fit does not see why.
-sources.csv has the public repositories of characters.
+sources.csv has the public repositories of characters; folders have their files, named for the character.
 
 A row of wanted.csv is a place that an artist wants on a character, left and right alike, and the tool or the field that
 `suggest` proposes there.
@@ -31,8 +34,9 @@ import csv
 import json
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +51,10 @@ from wrinklecli.character.bent import bending_nodes  # noqa: E402
 from wrinklecli.character.bones import read_bones  # noqa: E402
 from wrinklecli.character.rig import read_rig  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
+from wrinklecli.numeric.processes import core_count, in_processes  # noqa: E402
 from wrinklecli.review.suggest.garments import LEAST_BENT  # noqa: E402
 from wrinklecli.review.suggest.place_names import NOUNS  # noqa: E402
-from wrinklecli.review.suggest.score import LEAST  # noqa: E402
+from wrinklecli.review.suggest.score import LEAST, Merits, Score  # noqa: E402
 from wrinklecli.review.suggest.suggest import suggest  # noqa: E402
 
 PLACES = HERE / "places.csv"
@@ -162,8 +167,7 @@ def _fitted(logs: Floats, verdicts: NDArray[np.intp], known: Floats | float = 0.
 
 def read_places(path: Path = PLACES, usual: Floats | None = None) -> Places:
     """Read a table; merits that are not known have the (merits,) `usual` logarithms, by default those of its keeps."""
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(path)
     names = list(rows[0])[2 + len(LOOKS) : -2]
     merits = np.array([[float(row[name] or "nan") for name in names] for row in rows])
     logs = np.log2(np.clip(merits, LEAST, 1.0))
@@ -267,15 +271,55 @@ def weights_of(places: Places) -> dict[str, object]:
     }
 
 
-def read_wanted() -> list[dict[str, str]]:
-    """Read the rows of wanted.csv."""
-    with WANTED.open(encoding="utf-8", newline="") as file:
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Read the rows of a table."""
+    with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def look_anew(wanted: list[dict[str, str]], folders: list[Path]) -> None:
-    """Suggest for each character that has a file in a folder, and write what its wanted places get."""
-    files = {path.stem: path for folder in folders for path in sorted(folder.glob("*.glb"))}
+def write_rows(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
+    """Write the rows of a table."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def fields_of(files: Mapping[str, Path], character: str) -> dict[str, dict[str, float]]:
+    """Measure merits of the fields of a character, also of those that `suggest` leaves out, by the names of fields."""
+    found = suggest(files[character], everything=True, count=0, progress=lambda *_: None).fields
+    return {each.field.name: asdict(each.judgement.merits) for each in found if each.judgement}
+
+
+def measure_fields(files: Mapping[str, Path], done: Path) -> None:
+    """Put merits of fields into the tables, of characters that have a file.
+
+    Args:
+        files: By the names of characters.
+        done: A line of JSON for each character that is measured already; others are added.
+    """
+    tables = {path: read_rows(path) for path in (PLACES, UNSEEN)}
+    rows = [row for table in tables.values() for row in table if row["tool"].startswith(FIELD)]
+    done.touch()
+    known = dict(map(json.loads, done.read_text(encoding="utf-8").splitlines()))
+    asked = [each for each in dict.fromkeys(row["character"] for row in rows) if each in files and each not in known]
+    for character, found in zip(asked, in_processes(partial(fields_of, files), asked, core_count()), strict=True):
+        known[character] = found
+        with done.open("a", encoding="utf-8") as file:
+            file.write(json.dumps([character, found]) + "\n")
+    for row in (row for row in rows if row["character"] in known):
+        own = known[row["character"]]
+        pair = [Merits(**own[name]) for name in row["tool"].removeprefix(FIELD).split(" + ") if name in own]
+        # A field that is level keeps the merits that it had.
+        row["limb"] = "1" if pair else "0"
+        for name, value in asdict(min(pair, key=lambda each: Score.of(each).keep)).items() if pair else ():
+            row[name] = "" if np.isnan(value) else f"{round(value, DIGITS):g}"
+    for path, table in tables.items():
+        write_rows(path, table)
+
+
+def look_anew(wanted: list[dict[str, str]], files: Mapping[str, Path]) -> None:
+    """Suggest for each character that has a file, and write what its wanted places get."""
     for character in dict.fromkeys(row["character"] for row in wanted if row["character"] in files):
         found = suggest(files[character])
         document = read_document(files[character])
@@ -291,10 +335,7 @@ def look_anew(wanted: list[dict[str, str]], folders: list[Path]) -> None:
                     folds.setdefault(NOUNS[part], []).append(garment.field.name)
         for row in (row for row in wanted if row["character"] == character):
             row["got"] = " ".join(dict.fromkeys(folds.get(row["place"].replace("_", " "), [])))
-    with WANTED.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(wanted[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(wanted)
+    write_rows(WANTED, wanted)
 
 
 def recall(wanted: list[dict[str, str]]) -> str:
@@ -308,8 +349,13 @@ def main() -> None:
     """Command line: see the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help="write the weights that the program reads")
+    parser.add_argument("--measure", type=Path, metavar="FILE", help="measure fields anew; FILE has what is measured")
     parser.add_argument("folders", nargs="*", type=Path, help="folders with the characters' files")
-    places, options = read_places(), parser.parse_args()
+    options = parser.parse_args()
+    files = {path.stem: path for folder in options.folders for path in sorted(folder.glob("*.glb"))}
+    if options.measure:
+        measure_fields(files, options.measure)
+    places = read_places()
     chances = left_out(places)
     least, tools = least_of(places, chances), places.counted & ~places.fields
     print(f"proposed is what artists keep with a probability of {100 * least:.0f} % or more")
@@ -318,9 +364,9 @@ def main() -> None:
         print(f"{name}: {report(places.only(chosen), chances[chosen], least)}")
     unseen = read_places(UNSEEN, usual_of(places))
     print(f"unseen: {report(unseen, Fit.of(places).chances(unseen), least)}")
-    wanted = read_wanted()
-    if options.folders:
-        look_anew(wanted, options.folders)
+    wanted = read_rows(WANTED)
+    if files and not options.measure:
+        look_anew(wanted, files)
     print(recall(wanted))
     if options.write:
         WEIGHTS.write_text(json.dumps(weights_of(places), indent=2) + "\n", encoding="utf-8")

@@ -2,7 +2,9 @@
 
 import csv
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import places
@@ -51,3 +53,25 @@ def test_unseen_places_have_the_merits_of_the_fit_and_a_public_source() -> None:
     with (places.HERE / "sources.csv").open(encoding="utf-8", newline="") as file:
         sources = {row["character"]: row["repository"] for row in csv.DictReader(file)}
     assert all(sources[each].startswith("https://") for each in unseen.characters)
+
+
+def test_measured_merits_of_fields_come_into_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing = dict.fromkeys(places.read_places().names, np.nan)
+    shown, hidden = ({**nothing, "seen": seen, "crests": 0.5, "smooth": 1.0, "much": 1 / 3} for seen in (0.9, 0.1))
+    rows = {
+        place: {**dict.fromkeys(places.read_rows(places.PLACES)[0], ""), "character": place[0], "tool": place[1]}
+        for place in (("a", "field coat_L + coat_R"), ("b", "field coat"), ("c", "field coat"), ("a", "elbow.L"))
+    }
+    for row in rows.values():
+        row.update(smooth="0.25", limb="1")
+    for name in ("PLACES", "UNSEEN"):
+        monkeypatch.setattr(places, name, tmp_path / f"{name}.csv")
+    places.write_rows(places.PLACES, list(rows.values()))
+    places.write_rows(places.UNSEEN, [rows["a", "elbow.L"]])
+    done = tmp_path / "done.jsonl"
+    done.write_text(f"{json.dumps(['a', {'coat_L': shown, 'coat_R': hidden}])}\n{json.dumps(['b', {}])}\n")
+    places.measure_fields({}, done)
+    pair, level, unknown, tool = places.read_rows(places.PLACES)
+    assert [pair[name] for name in ("seen", "smooth", "much", "closed", "limb")] == ["0.1", "1", "0.333", "", "1"]
+    assert level == {**rows["b", "field coat"], "limb": "0"}
+    assert [unknown, tool] == [rows["c", "field coat"], rows["a", "elbow.L"]]
