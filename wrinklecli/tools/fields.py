@@ -1,8 +1,7 @@
 """The record of a field of wrinkles, as `tools.records` has those of tools. `configs/fields.md` is the reference."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, ClassVar, Literal, Self, get_args
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, get_args
 
 from wrinklecli.choices import MaterialName, Stops
 from wrinklecli.frozen import dataclass
@@ -152,18 +151,3 @@ class Field(EffectTool):
             found["node"], *found["beside"] = dict.fromkeys(found["node"])
             found["beside"] = tuple(found["beside"])
         return found
-
-    @property
-    def without_contact(self) -> Self:
-        """The field, whose folds may cross."""
-        return replace(self, contact=None)
-
-    @property
-    def idle(self) -> bool:
-        """True if its strength is 0 in every clip."""
-        return not self.strength and not any(self.clips.values())
-
-    @property
-    def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """The clips with a strength of their own, with the paths of their keys."""
-        return [(name, ("clips", name)) for name in self.clips]

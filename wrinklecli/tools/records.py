@@ -464,17 +464,18 @@ class EffectTool:
     @property
     def without_contact(self) -> Self:
         """The same effect, whose folds may cross."""
-        return self
+        off: Any = {"contact": None} if hasattr(self, "contact") else {}
+        return replace(self, **off)
 
     @property
     def idle(self) -> bool:
-        """True if nothing would be seen of it: its strength is 0 in every clip."""
-        return False
+        """True if nothing would be seen of it: it has a strength, which is 0 in every clip."""
+        return not any((getattr(self, "strength", 1.0), *getattr(self, "clips", {}).values()))
 
     @property
     def named_clips(self) -> Sequence[tuple[str, tuple[str, ...]]]:
-        """The names of clips that it asks for, each with the path of its key."""
-        return ()
+        """The names of clips that it asks for, each with the path of its key: those with a strength of their own."""
+        return [(name, ("clips", name)) for name in getattr(self, "clips", {})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -691,16 +692,6 @@ class WrinkleTool(EffectTool):
     def sections(self) -> tuple[str, ...]:
         """Wrinkles, and folds where contact keeps them apart."""
         return (self.section,) if self.contact is None else (self.section, "folds")
-
-    @property
-    def without_contact(self) -> Self:
-        """The tool, whose folds may cross."""
-        return replace(self, contact=None)
-
-    @property
-    def idle(self) -> bool:
-        """True if its strength is 0 in every clip."""
-        return not self.strength and not any(self.clips.values())
 
     @property
     def named_clips(self) -> list[tuple[str, tuple[str, ...]]]:
