@@ -11,6 +11,7 @@ from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.character.weld import weld
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats, Ints, face_normals
+from wrinklecli.numeric.membrane import stretches
 
 # Compression, which is 1 minus the smallest principal stretch, and its colour, sRGB. Darker is more.
 HEAT: tuple[tuple[float, Colour], ...] = (
@@ -77,24 +78,9 @@ def compression(rest: Floats, posed: Floats) -> Floats:
     """(triangles,) 1 minus the smallest principal stretch, at least 0; 0 for a triangle without area at rest.
 
     `rest` and `posed` are (triangles, 3, 3) corners.
-
-    Source: the squares of the principal stretches are the eigenvalues of the product of the posed metric of a
-        triangle's edges and the inverse of the metric at rest.
     """
-    before, after = (_metric(corners) for corners in (rest, posed))
-    a, b, c = before.T
-    area = a * c - b * b
-    solid = area > 1e-12 * (a + c) ** 2
-    area = np.where(solid, area, 1.0)
-    p, q, r = after.T
-    trace = (c * p - 2 * b * q + a * r) / area
-    determinant = np.maximum(p * r - q * q, 0.0) / area
-    largest = trace / 2 + np.sqrt(np.maximum(trace**2 / 4 - determinant, 0.0))
-    smallest = np.sqrt(determinant / np.where(largest > 0, largest, 1.0))
-    return np.where(solid, np.maximum(1.0 - smallest, 0.0), 0.0)
-
-
-def _metric(corners: Floats) -> Floats:
-    """(triangles, 3) dot products e·e, e·f and f·f of the edges e and f from the first corner."""
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return np.stack([np.sum(p * q, axis=1) for p, q in ((first, first), (first, second), (second, second))], axis=1)
+    edges = rest[:, 1:] - rest[:, :1]
+    solid = np.sum(np.cross(edges[:, 0], edges[:, 1]) ** 2, axis=1) > 1e-12 * np.sum(edges**2, axis=(1, 2)) ** 2
+    losses = np.zeros(len(rest))
+    losses[solid] = np.maximum(1.0 - np.abs(stretches(rest[solid], posed[solid])), 0.0)
+    return losses
