@@ -320,6 +320,14 @@ def interpolated(at: Floats, points: Floats, columns: Floats) -> Floats:
     return np.stack(found, axis=1) if found else np.zeros((len(at), 0))
 
 
+def bilinear(grid: Array, cells: Floats) -> Floats:
+    """(points,) values of a map at (points, 2) row and column in cells, linear between the cells' middles."""
+    low = np.minimum(cells.astype(np.intp), np.array(grid.shape) - 2)  # in a single row, -1 and 0 are the same one
+    (s, t), (i, j) = (cells - low).T, low.T
+    before, after = ((1.0 - t) * grid[k, j] + t * grid[k, j + 1] for k in (i, i + 1))
+    return np.asarray((1.0 - s) * before + s * after)
+
+
 def smoothstep(t: Floats, factor: Floats | float = 1.0) -> Floats:
     """(…) a factor times 3t² - 2t³, which rises from 0 to 1 over [0, 1] and is level at both ends."""
     # The factor comes first, as rounding depends on the order of the products.

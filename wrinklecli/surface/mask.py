@@ -13,7 +13,7 @@ from wrinklecli.errors import AssetError, BakeError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import read_file
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Array, Floats, Ints, children, distinct_values
+from wrinklecli.numeric.arrays import Array, Floats, Ints, bilinear, children, distinct_values
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Touch
@@ -49,14 +49,8 @@ class Mask:
         if self.image is None:
             return painted[:, 0]
         height, width = self.image.shape
-        x = np.clip(painted[:, 0] * width - 0.5, 0.0, width - 1.0)
-        y = np.clip(painted[:, 1] * height - 0.5, 0.0, height - 1.0)
-        left, top = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
-        right, below = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-        across, down = x - left, y - top
-        upper = (1.0 - across) * self.image[top, left] + across * self.image[top, right]
-        lower = (1.0 - across) * self.image[below, left] + across * self.image[below, right]
-        return np.asarray((1.0 - down) * upper + down * lower)
+        pixels = painted[:, ::-1] * (height, width) - 0.5
+        return bilinear(self.image, np.clip(pixels, 0.0, (height - 1.0, width - 1.0)))
 
     def welded(self, weld: Ints, count: int) -> Floats:
         """(vertices,) mean factors of so many welded vertices, from the (glTF vertices,) welded vertex of each."""

@@ -17,7 +17,7 @@ from wrinklecli.effects.wrinkle.bending import bent_nodes, carried_by
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
 from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Floats, Ints, bounded, children, cross, dot, renumbered
+from wrinklecli.numeric.arrays import Floats, Ints, bilinear, bounded, children, cross, dot, renumbered
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.surface.rest import Rest
 from wrinklecli.tools.materials import PLAIN_HEIGHT
@@ -230,7 +230,7 @@ def _spread(losses: Floats, places: Floats, patch: Patch) -> Floats:
     cells = np.clip((places + np.array([_MARGIN, 1.0 + _MARGIN])) * sides / cell, 0.0, counts - 1.0)
     grid = np.zeros(counts)
     np.maximum.at(grid, tuple(np.rint(cells).astype(np.intp).T), losses)
-    return _between(_softened(grid), cells)
+    return bilinear(_softened(grid), cells)
 
 
 def _softened(grid: Floats) -> Floats:
@@ -250,11 +250,3 @@ def _moved(grid: Floats, step: int, axis: int) -> Floats:
     """A map that is moved by some cells along an axis; its border repeats."""
     count = grid.shape[axis]
     return np.take(grid, np.clip(np.arange(count) - step, 0, count - 1), axis=axis)
-
-
-def _between(grid: Floats, cells: Floats) -> Floats:
-    """(points,) values of a map at (points, 2) coordinates in cells, linear between the cells' middles."""
-    low = np.minimum(cells.astype(np.intp), np.array(grid.shape) - 2)
-    (s, t), (i, j) = (cells - low).T, low.T
-    before, after = ((1.0 - t) * grid[k, j] + t * grid[k, j + 1] for k in (i, i + 1))
-    return np.asarray((1.0 - s) * before + s * after)
