@@ -286,7 +286,10 @@ def refine(
     subdivision = subdivide(
         surface.triangles,
         len(surface.positions),
-        wants=lambda level: _long_edges(level, laid, settings) | _edges_at_masks(level, laid, surface, settings),
+        wants=lambda level: (
+            np.any([_long_edges(level, each, settings) for each in laid], axis=0)
+            | _edges_at_masks(level, laid, surface, settings)
+        ),
         forbids=forbids,
         shows=lambda level: _showing_edges(level, laid),
         max_levels=settings.max_levels,
@@ -432,16 +435,8 @@ def _laid(regions: Sequence[Region], surface: Surface) -> list[_Laid]:
     return found
 
 
-def _long_edges(level: Level, laid: Sequence[_Laid], settings: RefinementSettings) -> Bools:
-    """(edges,) edges on a region that are too long along u to show its displacement."""
-    wanted = np.zeros(len(level.edges), bool)
-    for each in laid:
-        wanted |= _long_edges_in(level, each, settings)
-    return wanted
-
-
-def _long_edges_in(level: Level, laid: _Laid, settings: RefinementSettings) -> Bools:
-    """(edges,) as `_long_edges`, of the regions in one pose."""
+def _long_edges(level: Level, laid: _Laid, settings: RefinementSettings) -> Bools:
+    """(edges,) edges on a region of one pose that are too long along u to show its displacement."""
     last = level.number == settings.max_levels
     wanted = np.zeros(len(level.edges), bool)
     places = _places(level, laid)

@@ -20,7 +20,7 @@ from wrinklecli.character.pose import LEAST_SCALE, joint_matrices, morph_weights
 from wrinklecli.character.rig import TRANSFORM_DEFAULTS, Rig, moving_nodes
 from wrinklecli.character.surface import Surface
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, distinct_values, face_normals, unit
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, components, face_normals, renumbered, unit
 from wrinklecli.numeric.closest import balls
 from wrinklecli.numeric.memory import once
 from wrinklecli.surface.rest import Rest
@@ -86,9 +86,7 @@ class StrainedParts:
         if strained.sum() >= _WHOLE_MESH * len(self._triangles):
             return None
         chosen = np.flatnonzero(strained)
-        vertices, corners = distinct_values(self._triangles[chosen]), np.zeros(len(surface.positions), np.intp)
-        corners[vertices] = np.arange(len(vertices))
-        return StrainedPart(chosen, vertices, corners[self._triangles[chosen]])
+        return StrainedPart(chosen, *renumbered(self._triangles[chosen]))
 
 
 def _carriers(rig: Rig, moving: Collection[int]) -> Ints:
@@ -177,17 +175,9 @@ def solid(positions: Floats, triangles: Ints, normals: Floats) -> Bools:
 
 def part_of(gauge: Gauge, chosen: Bools) -> Gauge:
     """A gauge of some of its triangles, with (triangles,) `chosen`."""
-    return replace(
-        gauge,
-        triangles=gauge.triangles[chosen],
-        strained=StrainedParts(gauge.rig, gauge.surface, gauge.triangles[chosen]),
-        numbers=gauge.numbers[chosen],
-        pieces=gauge.pieces[chosen],
-        middles=gauge.middles[chosen],
-        radii=gauge.radii[chosen],
-        flat=gauge.flat[chosen],
-        tensors=gauge.tensors[chosen],
-    )
+    strained = StrainedParts(gauge.rig, gauge.surface, gauge.triangles[chosen])
+    own = ("triangles", "numbers", "pieces", "middles", "radii", "flat", "tensors")
+    return replace(gauge, strained=strained, **{name: getattr(gauge, name)[chosen] for name in own})
 
 
 def _pieces(triangles: Ints, areas: Floats, count: int) -> Ints:
