@@ -349,16 +349,13 @@ class ToolsText:
         part, values = self._item(number), self.tools[number]
         for depth, step in enumerate(steps):
             at, found = part.number_of(step), _part_of(values, steps[: depth + 1])
-            if depth == len(steps) - 1:
-                if at is not None:
-                    return self._with(self._removal(part, at))
-                return (
-                    self
-                    if found is None
-                    else self._with(self._written_merge(part, step, _part_of(values, steps[:depth])))
-                )
+            last = depth == len(steps) - 1
+            if last and at is not None:
+                return self._with(self._removal(part, at))
             if found is None:
                 return self
+            if last:
+                return self._with(self._written_merge(part, step, _part_of(values, steps[:depth])))
             if at is None or not self._is_own(part.items[at]):
                 kept = _without_part(found, steps[depth + 1 :])
                 return self._valued(number, steps[: depth + 1], kept)
