@@ -49,14 +49,14 @@ def test_trees_find_what_a_look_at_every_pair_finds(seed: int, count: int) -> No
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 1.0]))
 def test_what_may_cross_holds_all_that_crosses_on_the_way(seed: int, way: float) -> None:
-    """Pairs are sought once, and then looked at alone wherever vertices are between two places each."""
+    """Pairs are sought once, and then looked at alone wherever vertices are on lines between two places each."""
     rng = np.random.default_rng(seed)
-    low, counting = rng.normal(size=(30, 3)), rng.random(30) < 0.5
-    high = low + way * rng.random((30, 3))
+    one, counting = rng.normal(size=(30, 3)), rng.random(30) < 0.5
+    other = one + way * rng.normal(size=(30, 3))
     triangles = np.array([rng.choice(30, 3, replace=False) for _ in range(40)], np.intp)
-    crossings = Crossings.of(low, triangles)
-    pairs = crossings.may_cross(low, high, counting)
-    for positions in (low, high, low + rng.random((30, 3)) * (high - low)):
+    crossings = Crossings.of(one, triangles)
+    pairs = crossings.may_cross(one, other, counting)
+    for positions in (one, other, one + rng.random((30, 1)) * (other - one)):
         found = pairs[crossing(positions.T, pairs[:, :2], pairs[:, 2:])]
         wanted = crossings.corners_of(crossings.pairs_at(positions, counting))
         assert sorted(found.tolist()) == sorted(wanted.tolist())

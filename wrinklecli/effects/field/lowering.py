@@ -293,8 +293,7 @@ def _crossing(surface: _Posed, raised: Floats, counting: Bools) -> Iterator[_Loo
     trees = Crossings.of(surface.fine.rest_positions, triangles[apart])
     for pose in np.flatnonzero(counting.any(axis=1)).tolist():
         still, ways = surface.at(pose, every)
-        ends = np.stack([still, still + ways * raised[pose]]).transpose(0, 2, 1)
-        pairs = trees.may_cross(ends.min(axis=0), ends.max(axis=0), counting[pose])
+        pairs = trees.may_cross(still.T, (still + ways * raised[pose]).T, counting[pose])
         vertices, pairs = _numbered(pairs, len(every))
         yield _crossed(pose, vertices, still[:, vertices], ways[:, vertices], pairs.astype(np.int32))
 
