@@ -51,9 +51,10 @@ def held_at(clip: Clip, time: Floats) -> list[Channel]:
 
 def quaternion_product(turns: Floats, first: Floats) -> Floats:
     """(n, 4) products of (n, 4) quaternions, x, y, z and w, with those that act first: (n, 4), or (4,) for all."""
-    a, b, s, t = turns[:, :3], first[..., :3], turns[:, 3:], first[..., 3:]
-    reals = s * t - np.sum(a * b, axis=1, keepdims=True)
-    return np.concatenate([s * b + t * a + np.cross(a, b), reals], axis=1)
+    # Coordinate by coordinate, as numpy takes twice as long along axes of three.
+    (a, b, c, s), (p, q, r, t) = turns.T, first.T
+    vectors = s * p + t * a + (b * r - c * q), s * q + t * b + (c * p - a * r), s * r + t * c + (a * q - b * p)
+    return np.stack([*vectors, s * t - (a * p + b * q + c * r)], axis=1)
 
 
 def turned_back(turns: Floats) -> Floats:

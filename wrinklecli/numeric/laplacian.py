@@ -13,6 +13,9 @@ _LEAST_COTANGENT = 0.05
 _GREATEST_COTANGENT = 5.0
 # Least area of a vertex over the mean: isolated vertices and slivers have none to divide by.
 _LEAST_AREA = 1e-6
+# Columns that are solved for at once. Solving jumps from row to row in each of them, and many do not stay in a cache:
+# 160 columns of 23,000 rows take 3.8 s at once and 0.2 s by fours, which are as many as BLAS takes in one step.
+_AT_ONCE = 4
 
 
 def vertex_areas(positions: Floats, triangles: Ints) -> Floats:
@@ -130,5 +133,9 @@ class Average:
 
     def of_integrals(self, integrals: Floats) -> Floats:
         """(vertices, …) averages, from integrals over the cells of vertices."""
-        flat = np.ascontiguousarray(integrals.reshape(len(integrals), -1))
-        return np.asarray(self.factors.solve(flat)).reshape(integrals.shape)
+        flat = integrals.reshape(len(integrals), -1)
+        found = np.zeros(flat.shape, order="F")
+        for first in range(0, flat.shape[1], _AT_ONCE):
+            own = slice(first, first + _AT_ONCE)
+            found[:, own] = self.factors.solve(np.ascontiguousarray(flat[:, own]))
+        return found.reshape(integrals.shape)

@@ -14,7 +14,7 @@ from wrinklecli.character.rig import DrivenTargets, Rig, read_rig
 from wrinklecli.character.surface import Surface, read_surface
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
-from wrinklecli.numeric.arrays import Array, Floats, Ints, distinct_values
+from wrinklecli.numeric.arrays import Floats, Ints, distinct_values
 from wrinklecli.numeric.closest import Tree
 from wrinklecli.numeric.rays import ray_hits
 from wrinklecli.surface.prune import Poses
@@ -66,8 +66,8 @@ class Ground:
         return np.array(found, np.intp)
 
     @cached_property
-    def known(self) -> dict[Hashable, Array]:
-        """Arrays that many tools share, by what they were read from: images of masks, and substances of the surface."""
+    def known(self) -> dict[Hashable, Any]:
+        """What many tools share, by what it was read from: images of masks, substances, and poses of fields."""
         return {}
 
     @cached_property

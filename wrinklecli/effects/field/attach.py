@@ -21,6 +21,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Floats, Ints, face_normals, smoothstep, weighted_quantiles
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.laplacian import Average, Sheet
+from wrinklecli.numeric.memory import once
 from wrinklecli.surface.features import cut_at_features
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.mask import read_mask
@@ -127,12 +128,9 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     ratios = np.clip(beyond.of(2.0 * np.pi * radii / max(girth, TINY)), _THINNEST, _THICKEST)
     # Sheets on a thicker tube fold in longer waves, λ ~ √(thickness · radius).
     wavelengths = wavelength * (np.sqrt(ratios) if tool.wavelength.percent else np.ones(len(ratios)))
-    turns = turns_of(ground, _joints(tool, ground), girth / np.pi)
-    if not turns:
-        raise BakeError("no joint of its mesh turns", where=where)
     seed = drawn_from(tool.name, tool.seed)
-    together, led = acting_together(ground, turns), led_by(ground)
-    sweeps = Sweeps.of(ground.rig, turns, ground.clips, seed=seed, together=together, led=led)
+    # With another wavelength, joints turn as before.
+    sweeps = once(ground.known, (tool.joints, seed), lambda: _sweeps(tool, ground, girth / np.pi, seed))
     poses = len(sweeps.angles)
     ground.document.memory.check(_HELD * 8 * poses * len(rest.positions), f"heights in {poses} poses", where=where)
     allowed = _allowed(tool, ground, members, sheet, wave, wavelength)
@@ -184,6 +182,19 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
         drive_of(tool, sweeps, factors),
         () if tool.substance is None else tuple(ground.pictures.notes),
     )
+
+
+def _sweeps(tool: Field, ground: Ground, thickness: float, seed: str) -> Sweeps:
+    """The poses in which a field is measured, on limbs of a typical thickness, scene units.
+
+    Raises:
+        BakeError: No joint turns.
+    """
+    turns = turns_of(ground, _joints(tool, ground), thickness)
+    if not turns:
+        raise BakeError("no joint of its mesh turns", where=tool.where)
+    together, led = acting_together(ground, turns), led_by(ground)
+    return Sweeps.of(ground.rig, turns, ground.clips, seed=seed, together=together, led=led)
 
 
 def drive_of(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:

@@ -138,7 +138,7 @@ class FieldKind(EffectKind[Field, AttachedField]):
         It is not lowered where it is at fault.
         """
         old = before.attached if before is not None else None
-        if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.sweeps is attached.sweeps:
+        if isinstance(before, BodyPart) and isinstance(old, AttachedField) and old.region is attached.region:
             return replace(before, attached=self.driven_by(old, attached.tool))
         carried, made = _carried(attached, fine, np.ones(len(fine.positions)))
         layer = FieldLayer((carried,), (region,), (made.deltas,), (made.middles,))

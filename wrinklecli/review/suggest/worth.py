@@ -26,6 +26,7 @@ from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
 from wrinklecli.review.suggest.look import Sight, look_at
@@ -238,12 +239,12 @@ class Judge:
         if cost > budget:
             return Dropped.costly(suggestion, cost), least
         try:
-            placement = placed[suggestion.effect.name]
+            placement, seen = placed[suggestion.effect.name], dict[str, list[Seen]]()
             if not suggestion.clip:
-                seen = _seen(placement, suggestion.clips_among(self.checked, placement.part))
-                if not seen:
+                own = seen[suggestion.effect.name] = self._seen(placement, suggestion)
+                if not own:
                     return dropped("not raised", 0.0), needed
-                clip, time = _tallest(placement, seen)
+                clip, time = _tallest(placement, own)
                 suggestion = replace(suggestion, clip=clip, time=time)
             tallest = StagedTool.of(placement, self.asset.layers, self.asset.clip(suggestion.clip), suggestion.time)
             raised = tallest.height > _RAISED * tallest.size
@@ -267,18 +268,26 @@ class Judge:
         if limb and suggestion.part in _OF_CONTACT and tallest.has_slit:
             judged = judged.crossing(tallest.crossings)
             judged = replace(judged, gpu_bytes=_cost(placed, judged.effect))
-        warning, compressible = self._checked(placed, suggestion)
+        warning, compressible = self._checked(placed, suggestion, seen)
         if not warning:
             return judged, needed
         other = suggestion.mended(compressible)
         return self._tried(least, budget, {}, other) if other else (dropped("warned", 0.0, warning), needed)
 
-    def _checked(self, placed: dict[str, Placement], suggestion: Suggested) -> tuple[str, float]:
+    def _seen(self, placement: Placement, suggestion: Suggested) -> list[Seen]:
+        """A suggestion in the clips that `check` looks at, frame by frame."""
+        part, rig = placement.part, placement.plan.rig
+        clips = suggestion.clips_among(self.checked, part)
+        return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
+
+    def _checked(
+        self, placed: dict[str, Placement], suggestion: Suggested, known: dict[str, list[Seen]]
+    ) -> tuple[str, float]:
         """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
         warnings, needed = list[str](), 0.0
-        for placement in placed.values():
+        for name, placement in placed.items():
             plan, part = placement.plan, placement.part
-            seen = _seen(placement, suggestion.clips_among(self.checked, part))
+            seen = once(known, name, partial(self._seen, placement, suggestion))
             lines = part.words(plan).warnings(plan, seen, up="y")
             if part.attached.segment is not None:
                 lines += departure_warnings(plan.fine, [part]) + turned_warnings(plan, part, seen)
@@ -326,12 +335,6 @@ def _cost(placed: dict[str, Placement], effect: EffectTool | None = None) -> int
         planned_bytes(each.plan, [*each.targets, *(each.part.vertices for _ in range(shapes))])
         for each in placed.values()
     )
-
-
-def _seen(placement: Placement, clips: Sequence[Clip]) -> list[Seen]:
-    """It in clips, frame by frame."""
-    part, rig = placement.part, placement.plan.rig
-    return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
 
 
 def _tallest(placement: Placement, seen: Sequence[Seen]) -> tuple[str, float]:
