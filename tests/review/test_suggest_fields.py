@@ -235,7 +235,7 @@ def test_left_and_right_garments_are_left_out_together() -> None:
     left, coat = field("sleeve", "Arm.L"), field("coat", "Body")
     hidden = Dropped("sleeve_2", "Arm.R", "hidden", 0.2)
     found = Worthwhile([left, coat], RefinementSettings(), [hidden])
-    asset = SimpleNamespace(jobs=1)
+    asset = SimpleNamespace(jobs=1, shared=[])
     judge: Any = SimpleNamespace(worthwhile=lambda *_, **__: found, everything=False, drafted=list, asset=asset)
     given = suggest_fields(judge, [], 1.0)
     assert given.kept == [coat]
@@ -243,6 +243,19 @@ def test_left_and_right_garments_are_left_out_together() -> None:
         ("sleeve_2", "Arm.R", "hidden"),
         ("sleeve", "Arm.L", "hidden"),
     ]
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_two_processes_try_two_garments_as_one_does(tmp_path: Path) -> None:
+    asset = dressed(limb_asset(**SIZE), name="Jeans")
+    mesh = asset.append("meshes", dict(asset.gltf["meshes"][0]))
+    node = next(each for each in asset.gltf["nodes"] if "mesh" in each)
+    asset.gltf["scenes"][0]["nodes"].append(asset.append("nodes", {**node, "name": "other", "mesh": mesh}))
+    path = asset.write(tmp_path / "limb.glb")
+    one, two = (suggest(path, jobs=jobs) for jobs in (1, 2))
+    assert one.text == two.text
+    assert len(one.fields) == 2
 
 
 @pytest.mark.parametrize(

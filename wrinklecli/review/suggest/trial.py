@@ -65,6 +65,12 @@ class TriedAsset:
             )
         return self._grounds[node]
 
+    @property
+    def shared(self) -> list[object]:
+        """What results of other processes have of it, and of its meshes at rest as far as these are read."""
+        grounds = self._grounds.values()
+        return [part for each in grounds for part in (each, each.document, each.rig, each.surface, each.rest)]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suggested(Place):
