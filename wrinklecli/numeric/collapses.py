@@ -51,9 +51,14 @@ def collapse_edges(
     here = any_of(flags_of(triangles[any_of(removable, triangles)], count), triangles)
     found, numbers = triangles[here], np.flatnonzero(here)
     # Each vertex tries its neighbours, the nearest first. It begins anew only when a face round it has changed.
-    waiting, tries = removable, np.zeros(count, np.intp)
-    while waiting.any():
-        moves = _Moves.of(found, waiting, tries, lengths)
+    fresh, tries = removable, np.zeros(count, np.intp)
+    fans, sizes = np.zeros((0, 3), np.intp), np.zeros(0)
+    while len(fans) or fresh.any():
+        own, own_sizes = _fans(found, fresh, lengths)
+        fans, sizes = np.concatenate([fans, own]), np.concatenate([sizes, own_sizes])
+        order = np.argsort(fans[:, 0], kind="stable")
+        fans, sizes = fans[order], sizes[order]
+        moves = _Moves.of(fans, sizes, tries)
         fits = moves.fit(found, weld, positions, lengths, tolerance)
         tries[moves.vertices[~fits]] += 1
         going = moves.apart(fits, found, weld)
@@ -66,7 +71,9 @@ def collapse_edges(
         whole = (found[:, 0] != found[:, 1]) & (found[:, 1] != found[:, 2]) & (found[:, 2] != found[:, 0])
         found, numbers = found[whole], numbers[whole]
         tries[beside] = 0
-        waiting = (flags_of(moves.vertices, count) | (beside & removable)) & ~gone
+        fresh = beside & removable & ~gone
+        same = (flags_of(moves.vertices, count) & ~beside)[fans[:, 0]]
+        fans, sizes = fans[same], sizes[same]
     left = ~here
     left[numbers] = True
     every = triangles.copy()
@@ -97,15 +104,10 @@ class _Moves:
     of_links: Ints
 
     @classmethod
-    def of(cls, triangles: Ints, waiting: Bools, tries: Ints, lengths: Callable[[Ints], Floats]) -> _Moves:
-        """For each flagged vertex the neighbour that it has not tried yet, until it has tried all."""
-        face, corner = np.nonzero(waiting[triangles])
-        # The faces of a vertex go round it, so each neighbour is the second corner of one of them.
-        fans = triangles[face[:, None], (corner[:, None] + np.arange(3)) % 3]
-        sizes = np.rint(lengths(fans[:, :2]) / STEP)
-        order = np.lexsort((fans[:, 1], sizes, fans[:, 0]))
-        fans, sizes = fans[order], sizes[order]
-        vertices, firsts, counts = np.unique(fans[:, 0], return_index=True, return_counts=True)
+    def of(cls, fans: Ints, sizes: Floats, tries: Ints) -> _Moves:
+        """For each vertex of `_fans` the neighbour that it has not tried yet, until it has tried all."""
+        firsts = np.flatnonzero(np.diff(fans[:, 0], prepend=-1))
+        vertices, counts = fans[firsts, 0], np.diff(firsts, append=len(fans))
         number = np.repeat(np.arange(len(vertices)), counts)
         more = tries[vertices] < counts
         chosen = firsts + np.minimum(tries[vertices], counts - 1)
@@ -156,6 +158,18 @@ class _Moves:
         _, firsts = np.unique(_keys(self.links[links], weld), return_index=True)
         going[self.of_links[np.delete(links, firsts)]] = False
         return going
+
+
+def _fans(triangles: Ints, chosen: Bools, lengths: Callable[[Ints], Floats]) -> tuple[Ints, Floats]:
+    """(faces, 3) those round each chosen vertex, with the vertex first, and (faces,) steps to the second corners.
+
+    The nearest second corners come first. As faces go round a vertex, each neighbour is one of these.
+    """
+    face, corner = np.nonzero(chosen[triangles])
+    fans = triangles[face[:, None], (corner[:, None] + np.arange(3)) % 3]
+    sizes = np.rint(lengths(fans[:, :2]) / STEP)
+    order = np.lexsort((fans[:, 1], sizes, fans[:, 0]))
+    return fans[order], sizes[order]
 
 
 def _at_borders(triangles: Ints, chosen: Bools) -> Bools:
