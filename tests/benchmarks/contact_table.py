@@ -35,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(HERE), str(ROOT / "tests")]
 
 import numpy as np  # noqa: E402
 import yaml  # noqa: E402
-from rows import add_records, readme_with, records  # noqa: E402
+from rows import README, add_records, records, write_readme  # noqa: E402
 
 from kit.asset import Asset, Json  # noqa: E402
 from kit.characters import CHARACTERS  # noqa: E402
@@ -50,7 +50,7 @@ from wrinklecli.character.range_of_motion import range_of_motion  # noqa: E402
 from wrinklecli.gltf.document import read_document  # noqa: E402
 from wrinklecli.review.crossings import crossings  # noqa: E402
 
-RESULTS, README = HERE / "contact.csv", HERE / "README.md"
+RESULTS = HERE / "contact.csv"
 _MARKERS = "<!-- From contact.csv, by `contact_table.py --readme`. -->", "<!-- The end of contact's table. -->"
 
 
@@ -307,12 +307,6 @@ def _marked(text: str, held: bool) -> str:
     return text if held else f"**{text}**"
 
 
-def write_readme(to: Path = README) -> None:
-    """Make README's table anew from contact.csv."""
-    page = README.read_text(encoding="utf-8")
-    to.write_text(readme_with(page, readme_table(records(RESULTS, Measured)), _MARKERS), encoding="utf-8")
-
-
 def main() -> int:
     """Command line: see the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -324,7 +318,7 @@ def main() -> int:
     parser.add_argument("--to", type=Path, default=README, help="where to write README with that table")
     options = parser.parse_args()
     if options.readme:
-        write_readme(options.to)
+        write_readme(readme_table(records(RESULTS, Measured)), _MARKERS, options.to)
         return 0
     compile_program(options.program)
     rows = []
@@ -343,7 +337,7 @@ def main() -> int:
         if options.state:
             add_records(RESULTS, [row], ("state", "case"))
     if options.state:
-        write_readme()
+        write_readme(readme_table(records(RESULTS, Measured)), _MARKERS)
     return 0 if all(row.held for row in rows) else 1
 
 

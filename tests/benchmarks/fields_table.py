@@ -21,8 +21,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import yaml
-from contact_table import HERE, README, ROOT, compile_program, seconds_of
-from rows import add_records, readme_with, records
+from contact_table import HERE, ROOT, compile_program, seconds_of
+from rows import README, add_records, records, write_readme
 
 from kit.asset import Json
 from kit.player import Gltf, wrinkle_columns
@@ -158,12 +158,6 @@ def _marked(added: int) -> str:
     return f"**{added:+}**" if added > 0 else f"{added:+}"
 
 
-def write_readme(to: Path = README) -> None:
-    """Make README's table anew from fields.csv."""
-    page = README.read_text(encoding="utf-8")
-    to.write_text(readme_with(page, readme_table(records(RESULTS, Measured)), _MARKERS), encoding="utf-8")
-
-
 def main() -> int:
     """Command line: see the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -178,7 +172,7 @@ def main() -> int:
     if options.state and options.seed is not None:
         parser.error("fields.csv has fields without a seed")
     if options.readme:
-        write_readme(options.to)
+        write_readme(readme_table(records(RESULTS, Measured)), _MARKERS, options.to)
         return 0
     compile_program(options.program)
     held = True
@@ -192,7 +186,7 @@ def main() -> int:
             if options.state:
                 add_records(RESULTS, [row], ("state", "case", "clip"))
     if options.state:
-        write_readme()
+        write_readme(readme_table(records(RESULTS, Measured)), _MARKERS)
     return 0 if held else 1
 
 

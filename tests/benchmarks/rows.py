@@ -263,7 +263,6 @@ def readme_with(page: str, table: str, markers: tuple[str, str] = _MARKERS) -> s
     return f"{before}{begin}\n{table}\n{end}{after}"
 
 
-def write_readme() -> None:
-    """Make README's table anew from the last row of results.csv."""
-    page = README.read_text(encoding="utf-8")
-    README.write_text(readme_with(page, readme_table(recorded()[-1])), encoding="utf-8")
+def write_readme(table: str, markers: tuple[str, str] = _MARKERS, to: Path = README) -> None:
+    """Write README with a table that was made anew."""
+    to.write_text(readme_with(README.read_text(encoding="utf-8"), table, markers), encoding="utf-8")

@@ -45,7 +45,7 @@ import numpy as np  # noqa: E402
 import yaml  # noqa: E402
 from assets import finer, longer, more_clips  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
-from rows import Row, markdown, record, write_readme  # noqa: E402
+from rows import Row, markdown, readme_table, record, recorded, write_readme  # noqa: E402
 
 from kit.crowd import write_crowds, write_frames  # noqa: E402
 from kit.limb import limb_asset, write_tools  # noqa: E402
@@ -769,7 +769,7 @@ def main() -> int:
     parser.add_argument("--tiny", action="store_true", help="run each section once on next to nothing, for its faults")
     options = parser.parse_args()
     if options.readme:
-        write_readme()
+        write_readme(readme_table(recorded()[-1]))
         return 0
     if options.tiny and options.release:
         parser.error("--tiny measures nothing that --release could keep")
@@ -795,7 +795,7 @@ def main() -> int:
         print(markdown(rows))
     if options.release:
         record(options.release, rows)
-        write_readme()
+        write_readme(readme_table(recorded()[-1]))
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)
         return 1
