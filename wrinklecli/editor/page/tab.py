@@ -48,6 +48,8 @@ div:has(> [data-strip]) { display: none }
 div:has(> div > [data-strip]) {
   display: grid; grid-template-columns: repeat(auto-fit, minmax(15em, 1fr)); align-content: start;
   min-height: 7em; padding-top: .5em !important;
+  @container (max-width: 40em) { min-height: 9.5em }
+  @container (max-width: 31em) { min-height: 10.8em }
   div:has(> p > label) { width: 4.2em !important }
 }
 div:has(> div > [data-strip="play"]) {
@@ -61,9 +63,11 @@ div:has(> div > [data-strip="play"]) {
 }
 /* The scroll bar leaves the widgets free. */
 .mantine-ScrollArea-content:not(.mantine-ScrollArea-content *) { padding-right: .7em }
-/* viser's own notes lie below and behind the page's message, and take clicks on their buttons alone. */
-.mantine-Notifications-root { top: 25vh !important; z-index: 1 !important }
-.mantine-Notification-root { pointer-events: none !important }
+/* viser's own notes lie low in the panel, not over the view, go in 20 s, and take clicks on their buttons alone. */
+.mantine-Notifications-root { inset: auto .7em .7em auto !important }
+div:has(> div [data-dock-root]):has(> .mantine-Paper-root) .mantine-Notifications-root { bottom: 12em !important }
+.mantine-Notification-root { pointer-events: none !important; animation: go 1s 20s forwards }
+@keyframes go { to { opacity: 0; visibility: hidden } }
 .mantine-Notification-root button { pointer-events: all }
 """
 # Fields keep the keyboard focus after a click, even checkboxes, and the page's commands hear no key then. This script
