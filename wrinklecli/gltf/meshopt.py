@@ -5,7 +5,7 @@ Source: EXT_meshopt_compression and KHR_meshopt_compression, appendices A (bitst
     float64, so that a 16-bit result may differ by one unit from a float32 decoder's, as appendix B allows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -256,34 +256,34 @@ def _triangles(data: Bytes, count: int, stride: int) -> Array:
     end = len(stream) - _TABLE_BYTES
     if end < 1 + triangles or stream[0] != 0xE1:
         raise _MalformedError("no triangles of version 1, or too few bytes")
-    reader = _TriangleReader(stream, 1 + triangles, end)
-    if reader.table[-2:] != b"\0\0" or any(byte >> 4 == 15 or byte & 15 == 15 for byte in reader.table):
+    table, corners = stream[end:], iter(stream[1 + triangles : end])
+    if table[-2:] != b"\0\0" or any(byte >> 4 == 15 or byte & 15 == 15 for byte in table):
         raise _MalformedError("an impossible table of codes")
+    reader = _TriangleReader(table, corners)
     found: list[int] = []
     try:
         for code in stream[1 : 1 + triangles]:
-            edge, corners = code >> 4, code & 15
-            found += reader.on_edge(edge, corners) if edge < 15 else reader.apart(corners)
+            found += reader.on_edge(code >> 4, code & 15) if code >> 4 < 15 else reader.apart(code & 15)
     except IndexError as error:
         raise _MalformedError("refers to an edge or vertex before the first") from error
-    if reader.offset != end:
+    except StopIteration as error:
+        raise _MalformedError("ends within a triangle") from error
+    if next(corners, None) is not None:
         raise _MalformedError("has bytes left over")
     return np.array(found, "<u4").astype(f"<u{stride}")
 
 
 class _TriangleReader:
-    """The state of reading triangles one after another.
+    """The state of reading triangles one after another; StopIteration if bytes are lacking.
 
-    Attributes:
+    Args:
         table: Codes of the corners of common triangles.
-        offset: Index of the stream's next byte, behind the triangles' own codes.
+        corners: The bytes behind the triangles' own codes.
     """
 
-    def __init__(self, stream: bytes, offset: int, end: int) -> None:
-        self.table = stream[end:]
-        self.offset = offset
-        self._stream = stream
-        self._end = end
+    def __init__(self, table: bytes, corners: Iterator[int]) -> None:
+        self._table = table
+        self._corners = corners
         self._following = 0  # the next new vertex
         self._last = 0  # the last explicit vertex
         self._edges: list[tuple[int, int]] = []
@@ -309,12 +309,9 @@ class _TriangleReader:
     def apart(self, code: int) -> tuple[int, int, int]:
         """Read a triangle whose corners' codes are in the table or in the stream."""
         if code < 14:
-            first, others = 0, self.table[code]
+            first, others = 0, self._table[code]
         else:
-            if self.offset >= self._end:
-                raise _MalformedError("ends within a triangle")
-            first, others = (0, 15)[code - 14], self._stream[self.offset]
-            self.offset += 1
+            first, others = (0, 15)[code - 14], next(self._corners)
             if others == 0:
                 self._following = 0
         codes = (first, others >> 4, others & 15)
@@ -337,10 +334,7 @@ class _TriangleReader:
         """Read a varint, the step from the last explicit vertex."""
         value = 0
         for shift in range(0, 7 * _VARINT_BYTES, 7):
-            if self.offset >= self._end:
-                raise _MalformedError("ends within an index")
-            byte = self._stream[self.offset]
-            self.offset += 1
+            byte = next(self._corners)
             value |= (byte & 127) << shift
             if byte < 128:
                 break
