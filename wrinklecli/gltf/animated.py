@@ -12,6 +12,7 @@ from typing import Any
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.references import drop_extensions
 from wrinklecli.gltf.shape import Json, place
 
 EXTENSION = "KHR_animation_pointer"
@@ -155,10 +156,5 @@ def drop_channels(animation: Json, gone: Sequence[Json]) -> list[Json]:
 
 def forget_pointers(gltf: Json) -> None:
     """Take the extension from the lists of those that are used and required, if no channel has a pointer."""
-    if any(pointer_of(channel) is not None for _, channel in channels_of(gltf)):
-        return
-    for key in ("extensionsUsed", "extensionsRequired"):
-        if EXTENSION in gltf.get(key, []):
-            gltf[key] = [name for name in gltf[key] if name != EXTENSION]
-            if not gltf[key]:
-                del gltf[key]
+    if all(pointer_of(channel) is None for _, channel in channels_of(gltf)):
+        drop_extensions(gltf, {EXTENSION})

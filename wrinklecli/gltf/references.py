@@ -90,6 +90,15 @@ def compressions(gltf: Json) -> set[str]:
     return {name for user in users for name in user.get("extensions", {}) if name in COMPRESSIONS}
 
 
+def drop_extensions(gltf: Json, gone: set[str]) -> None:
+    """Take extensions from the lists of those that are used and required; a list without any goes."""
+    for key in ("extensionsUsed", "extensionsRequired"):
+        if gone.intersection(gltf.get(key, [])):
+            gltf[key] = [name for name in gltf[key] if name not in gone]
+            if not gltf[key]:
+                del gltf[key]
+
+
 def view_span(view: Json) -> tuple[int, int]:
     """The range of bytes that a view, or the extension that compresses it, shows of its buffer."""
     start = view.get("byteOffset", 0)

@@ -21,7 +21,7 @@ from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.files import path_of, read_file, uri_of
 from wrinklecli.gltf.images import image_type, images_to_bring, lies_beside, put_image
 from wrinklecli.gltf.new_data import ALIGNMENT
-from wrinklecli.gltf.references import compressions, view_parts
+from wrinklecli.gltf.references import compressions, drop_extensions, view_parts
 from wrinklecli.gltf.shape import MESHOPT, Json, json_bytes
 
 Bytes: TypeAlias = bytes | memoryview
@@ -174,7 +174,7 @@ def _lay_out_glb(edited: EditedDocument, out: str) -> Layout:
         gltf["bufferViews"] = views
     if size + edited.new_size:
         gltf["buffers"] = [_binary_chunk(gltf) | {"byteLength": size + edited.new_size}, *placeholders]
-    gltf = _without_idle_compressions(gltf, edited.source.gltf)
+    drop_extensions(gltf, compressions(edited.source.gltf) - compressions(gltf))
     # Buffers are in the file itself, so only images count.
     named = [image.get("uri", "data:") for image in edited.source.items("images")]
     return Layout(gltf, [content, *([] for _ in placeholders)], 0, kept, _found_beside(edited.source, out, named))
@@ -260,9 +260,10 @@ def _lay_out_gltf(edited: EditedDocument, images: list[Json], out: str) -> tuple
         gltf["buffers"] = [buffers[number] for number in lasting]
     if "bufferViews" in gltf or placed.views:
         gltf["bufferViews"] = placed.views
+    drop_extensions(gltf, compressions(source.gltf) - compressions(gltf))
     named = [each.get("uri", "data:") for kind in ("images", "buffers") for each in source.items(kind)]
     layout = Layout(
-        gltf=_without_idle_compressions(gltf, source.gltf),
+        gltf=gltf,
         contents=[contents[number] for number in lasting],
         buffer=len(lasting) - 1,
         kept=[[span._replace(buffer=lasting.index(span.buffer)) for span in spans] for spans in kept],
@@ -325,18 +326,6 @@ def _is_buffer_file(path: str, name: str, out: str) -> bool:
         return name == _buffer_file(out, hashlib.sha256(read_file(path)).hexdigest())
     except (AssetError, TooMuchError):
         return False
-
-
-def _without_idle_compressions(gltf: Json, source: Json) -> Json:
-    """Remove compressions that nothing uses any more from the JSON's lists of extensions."""
-    gone = compressions(source) - compressions(gltf)
-    slim = dict(gltf)
-    for key in ("extensionsUsed", "extensionsRequired"):
-        if gone.intersection(slim.get(key, [])):
-            slim[key] = [name for name in slim[key] if name not in gone]
-            if not slim[key]:
-                del slim[key]
-    return slim
 
 
 def _set_offset(view: Json, offset: int) -> None:
