@@ -308,8 +308,6 @@ class Document:
         self, sparse: Any, dtype: np.dtype[Any], size: int, count: int, where: str
     ) -> tuple[Array, Array]:
         """(changed,) indices and (changed, size) values of a sparse accessor with `count` elements."""
-        if not isinstance(sparse, dict):
-            raise AssetError("sparse must be an object", where=where)
         changed = _whole(sparse, "count", where, least=1, most=count)
         indices_part, values_part = sparse.get("indices"), sparse.get("values")
         if not isinstance(indices_part, dict) or not isinstance(values_part, dict):

@@ -24,30 +24,8 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DEPTH_LIMIT = 256
 
 
-@dataclass(frozen=True, slots=True)
-class _Index:
-    """A whole number that refers to an item of a top-level array."""
-
-    kind: str
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbers:
-    """An array of `count` numbers."""
-
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Uri:
-    """Text that can be the name of a file, or contains data."""
-
-
-_NODE, _MESH, _SKIN, _ACCESSOR, _VIEW, _BUFFER = map(
-    _Index, ("nodes", "meshes", "skins", "accessors", "bufferViews", "buffers")
-)
 _MESHOPT_SHAPE: Json = {
-    "buffer": _BUFFER,
+    "buffer": "buffers",
     "byteOffset": int,
     "byteLength": int,
     "byteStride": int,
@@ -55,31 +33,32 @@ _MESHOPT_SHAPE: Json = {
     "mode": str,
     "filter": str,
 }
-_DRACO_SHAPE: Json = {"bufferView": _VIEW, "attributes": {"*": int}}
-# The parts of a document that are read: objects by key (`*`: any), arrays by their items, counts as int. References to
-# appearance may be wrong, since a bake does not follow them, and converters that drop images leave such behind.
+_DRACO_SHAPE: Json = {"bufferView": "bufferViews", "attributes": {"*": int}}
+# The parts of a document that are read: objects by key (`*`: any), arrays by their items, or by how many numbers they
+# have, references by the array that they refer to, counts as int, and URIs as bytes. References to appearance may be
+# wrong, since a bake does not follow them, and converters that drop images leave such behind.
 _SHAPE: Json = {
     "asset": {"version": str},
     "extensionsUsed": [str],
     "extensionsRequired": [str],
-    "scene": _Index("scenes"),
-    "scenes": [{"name": str, "nodes": [_NODE]}],
+    "scene": "scenes",
+    "scenes": [{"name": str, "nodes": ["nodes"]}],
     "nodes": [
         {
             "name": str,
-            "children": [_NODE],
-            "mesh": _MESH,
-            "skin": _SKIN,
+            "children": ["nodes"],
+            "mesh": "meshes",
+            "skin": "skins",
             "camera": int,
-            "matrix": _Numbers(16),
-            "translation": _Numbers(3),
-            "rotation": _Numbers(4),
-            "scale": _Numbers(3),
+            "matrix": 16,
+            "translation": 3,
+            "rotation": 4,
+            "scale": 3,
             "weights": [float],
             "extensions": {
-                "EXT_mesh_gpu_instancing": {"attributes": {"*": _ACCESSOR}},
+                "EXT_mesh_gpu_instancing": {"attributes": {"*": "accessors"}},
                 "KHR_node_visibility": {"visible": bool},
-                "MSFT_lod": {"ids": [_NODE]},
+                "MSFT_lod": {"ids": ["nodes"]},
             },
         }
     ],
@@ -88,28 +67,28 @@ _SHAPE: Json = {
             "name": str,
             "primitives": [
                 {
-                    "attributes": {"*": _ACCESSOR},
-                    "indices": _ACCESSOR,
+                    "attributes": {"*": "accessors"},
+                    "indices": "accessors",
                     "material": int,
                     "mode": int,
-                    "targets": [{"*": _ACCESSOR}],
+                    "targets": [{"*": "accessors"}],
                     "extensions": {DRACO: _DRACO_SHAPE},
                 }
             ],
             "weights": [float],
         }
     ],
-    "skins": [{"name": str, "joints": [_NODE], "inverseBindMatrices": _ACCESSOR, "skeleton": int}],
+    "skins": [{"name": str, "joints": ["nodes"], "inverseBindMatrices": "accessors", "skeleton": int}],
     "animations": [
         {
             "name": str,
-            "channels": [{"sampler": int, "target": {"node": _NODE, "path": str}}],
-            "samplers": [{"input": _ACCESSOR, "output": _ACCESSOR, "interpolation": str}],
+            "channels": [{"sampler": int, "target": {"node": "nodes", "path": str}}],
+            "samplers": [{"input": "accessors", "output": "accessors", "interpolation": str}],
         }
     ],
     "accessors": [
         {
-            "bufferView": _VIEW,
+            "bufferView": "bufferViews",
             "byteOffset": int,
             "componentType": int,
             "count": int,
@@ -117,22 +96,22 @@ _SHAPE: Json = {
             "normalized": bool,
             "sparse": {
                 "count": int,
-                "indices": {"bufferView": _VIEW, "byteOffset": int, "componentType": int},
-                "values": {"bufferView": _VIEW, "byteOffset": int},
+                "indices": {"bufferView": "bufferViews", "byteOffset": int, "componentType": int},
+                "values": {"bufferView": "bufferViews", "byteOffset": int},
             },
         }
     ],
     "bufferViews": [
         {
-            "buffer": _BUFFER,
+            "buffer": "buffers",
             "byteOffset": int,
             "byteLength": int,
             "byteStride": int,
             "extensions": dict.fromkeys(MESHOPT, _MESHOPT_SHAPE),
         }
     ],
-    "buffers": [{"uri": _Uri(), "byteLength": int, "extensions": {name: {"fallback": bool} for name in MESHOPT}}],
-    "images": [{"name": str, "uri": _Uri(), "bufferView": _VIEW, "mimeType": str}],
+    "buffers": [{"uri": bytes, "byteLength": int, "extensions": {name: {"fallback": bool} for name in MESHOPT}}],
+    "images": [{"name": str, "uri": bytes, "bufferView": "bufferViews", "mimeType": str}],
     "materials": [{"name": str}],
     "textures": [{"name": str}],
     "samplers": [{"name": str}],
@@ -263,25 +242,21 @@ def _check_shape(value: Any, shape: Any, limits: _Limits, pointer: tuple[str | i
             if inner is not None:
                 value[key] = _check_shape(child, inner, limits, (*pointer, key))
         return value
-    if isinstance(shape, _Numbers):
+    if isinstance(shape, int):
         _check_shape(value, [float], limits, pointer)
-        if len(value) != shape.count:
-            message = f"has {len(value)} numbers, not {shape.count}"
-            raise AssetError(message, where=place(limits.path, *pointer))
+        if len(value) != shape:
+            raise AssetError(f"has {len(value)} numbers, not {shape}", where=place(limits.path, *pointer))
         return value
-    if isinstance(shape, _Uri):
-        _check_uri(value, limits.path, pointer)
-        return value
-    if shape is int or isinstance(shape, _Index):
+    wanted: Any = int if isinstance(shape, str) else str if shape is bytes else shape
+    if wanted is int:
         value = _whole(value)
-    if isinstance(shape, _Index):
-        if type(value) is not int or value < 0:
-            raise _misfit(value, int, limits.path, pointer)
-        if value >= limits.counts[shape.kind]:
-            message = f"refers to {shape.kind}[{value}], but there are {limits.counts[shape.kind]}"
-            raise AssetError(message, where=place(limits.path, *pointer[:-1]))
-    elif not _is_of(value, shape):
-        raise _misfit(value, shape, limits.path, pointer)
+    if not _is_of(value, wanted):
+        raise _misfit(value, wanted, limits.path, pointer)
+    if shape is bytes:
+        _check_uri(value, limits.path, pointer)
+    if isinstance(shape, str) and value >= limits.counts[shape]:
+        message = f"refers to {shape}[{value}], but there are {limits.counts[shape]}"
+        raise AssetError(message, where=place(limits.path, *pointer[:-1]))
     return value
 
 
@@ -310,9 +285,7 @@ def _is_of(value: Any, kind: type) -> bool:
     return type(value) is kind
 
 
-def _check_uri(value: Any, path: str, pointer: tuple[str | int, ...]) -> None:
-    if not isinstance(value, str):
-        raise _misfit(value, str, path, pointer)
+def _check_uri(value: str, path: str, pointer: tuple[str | int, ...]) -> None:
     # No system has names with half a character or with NUL in them; data URIs are long, and ASCII.
     try:
         known = value.startswith("data:") or "\0" not in path_of(value)
