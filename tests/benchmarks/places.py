@@ -11,8 +11,8 @@ A row of places.csv is a place or a field that was looked at twice, without and 
 with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
 nothing where no `limb` folds, nor a field that would be level, so such places are in the counts alone; and no tool
 where a field lies, so that places that are not `bare` are in the fit alone. Fields and lines of a face are weighed as
-folds of limbs are, but for a bias and weights of `seen` and `much` of their own: a fit to all alike drops fields
-between plates of armour, and toes, which artists keep.
+folds of limbs are, but for a bias and weights of `seen`, `much` and `grown` of their own: a fit to all alike drops
+fields between plates of armour, and toes, which artists keep.
 A row of two fields, left and right, has the merits of the one that scores less: both are proposed, or none.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
 weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
@@ -72,7 +72,7 @@ LINES = re.compile("brow|forehead|glabella|cheek|Fcl_")
 # Digits of a weight: merits have three.
 DIGITS = 3
 # Merits that have weights of their own for fields and lines of a face.
-OWN = ("seen", "much")
+OWN = ("seen", "much", "grown")
 # Part of what is proposed that should be kept.
 ASKED = 0.8
 
@@ -265,7 +265,8 @@ def weights_of(places: Places) -> dict[str, object]:
     return {
         "least": least_of(places, left_out(places)),
         "bias": round(float(fit.biases[1]), DIGITS),
-        "weights": by_name(fit.weights),
+        # Folds have no weight of what is known of fields alone.
+        "weights": {name: weight for name, weight in by_name(fit.weights).items() if weight},
         "others": {"bias": round(float(fit.other_biases[1]), DIGITS), **by_name(fit.other_weights, OWN)},
         "kept": by_name(usual_of(places)),
     }

@@ -1,10 +1,14 @@
 """Parts of bodies, by the names that rigs give joints and by what is above and below."""
 
+import math
+
 import pytest
 
 from kit.asset import Asset
 from kit.prepared import as_document
-from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.bones import grown, read_bones, words_of
+from wrinklecli.character.rig import read_rig
+from wrinklecli.character.scene import read_scene
 
 # By rig, a chain of joints from the trunk to an end, and what they are.
 CHAINS = {
@@ -144,6 +148,37 @@ def test_a_vrm_that_says_nothing_sensible_is_read_by_names(said: object) -> None
     asset = chain("pelvis", "b")
     asset.gltf["extensions"] = {"VRM": {"humanoid": {"humanBones": said}}}
     assert read_bones(as_document(asset)).parts == ("hips", None)
+
+
+def figure(height: float, head: str = "Head") -> Asset:
+    """A triangle over four units on hips, and one on a head, up to a height, beside a taller pole."""
+    asset = Asset()
+    for top, low in ((4.0, 0.0), (height, 4.0), (20.0, -20.0)):
+        positions = asset.accessor([(0.0, low, 0.0), (1.0, low, 0.0), (0.0, top, 0.0)])
+        asset.append("meshes", {"primitives": [{"attributes": {"POSITION": positions}}]})
+    shown = asset.gltf["meshes"][0]["primitives"][0]["attributes"]
+    shown["JOINTS_0"], shown["WEIGHTS_0"] = asset.accessor([[0] * 4] * 3, "u1"), asset.accessor([[1.0, 0, 0, 0]] * 3)
+    asset.append("nodes", {"name": "Hips", "children": [1]})
+    asset.append("nodes", {"name": head, "translation": [0.0, 4.0, 0.0], "children": [2]})
+    # The hat is no part of the skin, but goes with the head.
+    asset.append("nodes", {"name": "hat", "mesh": 1, "translation": [0.0, -4.0, 0.0]})
+    asset.append("nodes", {"name": "body", "mesh": 0, "skin": 0})
+    asset.append("nodes", {"name": "pole", "mesh": 2})
+    asset.append("skins", {"joints": [0, 1]})
+    asset.append("scenes", {"nodes": [0, 3, 4]})
+    return asset
+
+
+@pytest.mark.parametrize(("height", "expected"), [(4.5, 1.0), (16.0 / 3.0, 1.0), (6.0, 0.75), (8.0, 0.5)])
+def test_a_head_of_more_than_a_quarter_of_the_height_is_a_toys(height: float, expected: float) -> None:
+    document = as_document(figure(height))
+    assert grown(document, read_rig(document, 3), read_scene(document)) == pytest.approx(expected)
+
+
+def test_proportions_are_unknown_without_a_head_or_if_nothing_is_shown() -> None:
+    for asset, shown in ((figure(8.0, "stick"), True), (figure(8.0), False)):
+        document = as_document(asset)
+        assert math.isnan(grown(document, read_rig(document, 3), read_scene(document) if shown else ()))
 
 
 def test_words_of_names() -> None:

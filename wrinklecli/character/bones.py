@@ -14,15 +14,17 @@ Sources of the names, of which tests have some each:
     - MakeHuman: `lowerleg02.L`, `spine05`, the lowest; Second Life: `mCollarLeft`, `mShoulderLeft`, `mHipLeft`.
 """
 
+import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import numpy as np
 
-from wrinklecli.character.pose import node_matrices
-from wrinklecli.character.rig import Hierarchy, from_roots, read_parents
+from wrinklecli.character.pose import node_matrices, stored_positions
+from wrinklecli.character.rig import Hierarchy, Rig, from_roots, read_parents
+from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.choices import Part
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
@@ -65,6 +67,8 @@ _END_OF: dict[Literal["arm", "leg"], tuple[Part, Part, Part]] = {
 _LOWER_SPINE = 2
 # Least chains of joints that leave a hand for these to be fingers, whatever they are called.
 _FINGERS = 4
+# Part of the length of a newborn that its head is: nobody's is larger.
+_HEAD = 0.25
 # What joints are called with which arms begin.
 _ARMS = frozenset[_Said](("shoulder", "upper arm", "arm"))
 
@@ -102,6 +106,34 @@ def forwards_of(rig: Hierarchy, bones: Bones) -> Floats:
         if along.any():
             return unit(along)
     return bones.ahead
+
+
+def grown(document: Document, rig: Rig, scene: Iterable[ScenePrimitive]) -> float:
+    """Compare the proportions of a character with those of people: its height over that of one with such a head.
+
+    Args:
+        document: The asset, y up.
+        rig: Of a mesh of the character.
+        scene: All that the asset shows. What the joints of the same skeleton carry is the character.
+
+    Returns:
+        In the stored pose, with hair and hats: 1 for people of any age, about a half for toys; NaN without a joint of a
+        head.
+    """
+    joints, parts = {each for skin in document.items("skins") for each in skin["joints"]}, read_bones(document).parts
+
+    def top(node: int) -> int:
+        return next((each for each in [*rig.upwards(node)][::-1] if each in joints), -1)
+
+    own = {*map(top, rig.joints.tolist())}
+    heads = [each for each in sorted(joints) if parts[each] == "head" and top(each) in own]
+    carried = (each for each in scene if top(int(each.rig.joints[0]) if each.rig.skinned else each.rig.node) in own)
+    heights = np.concatenate([np.zeros(0), *(each.posed(None, np.zeros(1)).corners()[..., 1].flat for each in carried)])
+    low, high = heights.min(initial=np.inf), heights.max(initial=-np.inf)
+    if not heads or low >= high:
+        return math.nan
+    neck = stored_positions(rig, heads)[:, 1].min()
+    return float((high - low) / max(high - low, (high - neck) / _HEAD))
 
 
 def words_of(name: str) -> str:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from wrinklecli.character.bent import bending_nodes
-from wrinklecli.character.bones import read_bones, words_of
+from wrinklecli.character.bones import grown, read_bones, words_of
 from wrinklecli.character.paints import texture_info
 from wrinklecli.character.rig import read_hierarchy
 from wrinklecli.choices import SUBSTANCES, MaterialName
@@ -156,6 +156,7 @@ def _garment(
     field = SuggestedField(
         field=Field(**Field.fields_of(values, {})),
         mesh=rig.node_name,
+        grown=grown(document, rig, asset.scene),
         why=f"{'all' if whole else f'{100 * share:.0f} %'} of it looks like cloth",
     )
     return Garment(mesh, field, np.ones_like(cloth) if whole else cloth)

@@ -10,8 +10,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from wrinklecli.frozen import dataclass
 
 # A merit that is smaller counts as this one: nobody tells a hundredth from nothing.
@@ -33,9 +31,10 @@ class Merits:
         uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve, and lace has holes.
         fine: Part of the triangles that its wrinkles need, in the asset: on fewer they are bars with kinks.
         much: How much of a garment folds: few folds on a smooth one look like faults.
+        grown: Height in heads, of the four of a newborn at most: smooth toys look wrong in the folds of real clothes.
 
-    Four are NaN for what is no fold of a limb: lines of a face, and fields; the last is NaN for all but fields. Then
-    they count as they do at places that artists keep.
+    Four are NaN for what is no fold of a limb: lines of a face, and fields; the last two for all but fields. Then they
+    count as they do at places that artists keep.
     """
 
     seen: float
@@ -46,6 +45,7 @@ class Merits:
     uniform: float
     fine: float
     much: float
+    grown: float
 
 
 REASONS = {
@@ -57,6 +57,7 @@ REASONS = {
     "uniform": ("across a border", "it lies across the border of what it is made of: {} of it is of one substance"),
     "fine": ("few triangles", "the mesh is coarse there: it has {} of the triangles that its wrinkles need"),
     "much": ("few folds", "hardly anything of it folds: {} of what looks like cloth"),
+    "grown": ("toy-like", "its head is a toy's: it has {} of the height that a person has with such a head"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
 
@@ -83,16 +84,12 @@ class Score:
         """
         fitted = _fitted()
         own = fitted["others"] if math.isnan(merits.closed) else {"bias": fitted["bias"]}
-        weights = {name: weight + own.get(name, 0.0) for name, weight in fitted["weights"].items()}
-        known = {
-            name: float(np.log2(np.clip(value, LEAST, 1.0)))
-            for name, value in asdict(merits).items()
-            if not math.isnan(value)
-        }
-        logs = {**fitted["kept"], **known}
+        weights = {name: fitted["weights"].get(name, 0.0) + own.get(name, 0.0) for name in fitted["kept"]}
+        known = {name: value for name, value in asdict(merits).items() if not math.isnan(value)}
+        logs = fitted["kept"] | {name: math.log2(min(max(value, LEAST), 1.0)) for name, value in known.items()}
         behind = {name: weight * (logs[name] - fitted["kept"][name]) for name, weight in weights.items()}
         log_odds = own["bias"] + sum(weight * logs[name] for name, weight in weights.items())
-        return cls(merits, float(1.0 / (1.0 + np.exp(-log_odds))), min(known, key=behind.__getitem__))
+        return cls(merits, 1.0 / (1.0 + math.exp(-log_odds)), min(known, key=behind.__getitem__))
 
     @property
     def is_kept(self) -> bool:
@@ -102,8 +99,7 @@ class Score:
     @property
     def sentence(self) -> str:
         """The greatest want of the place, in a sentence."""
-        value = getattr(self.merits, self.worst)
-        return REASONS[self.worst][1].format(f"{100 * value:.0f} %")
+        return REASONS[self.worst][1].format(f"{100 * self.reason[1]:.0f} %")
 
     @property
     def reason(self) -> tuple[str, float]:

@@ -4,6 +4,7 @@ Regions are measured on the mesh as it is. Only the refined mesh shows what wrin
 become short enough for them.
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
@@ -47,7 +48,8 @@ class TriedAsset:
         self.jobs = jobs
         self.document = document
         self.clips = tuple(clips)
-        self.layers = Layers(read_scene(document, leave_out_malformed=True), clips)
+        self.scene = read_scene(document, leave_out_malformed=True)
+        self.layers = Layers(self.scene, clips)
         self._by_name = {clip.name: clip for clip in reversed(clips)}
         self._neighbours = Neighbours(document)
         self._grounds: dict[int, Ground] = {}
@@ -85,6 +87,7 @@ class Suggested(Place):
         targets: The number of its morph targets.
         gpu_bytes: What they take on a GPU, where each part of the mesh has only those that move it.
         own_bytes: What the mesh's own targets take there for the vertices that it adds.
+        grown: The merit of a field; NaN if it is not known.
         judgement: What one sees of it, as a score; None if nobody looked, or if no clip raises it.
     """
 
@@ -96,6 +99,7 @@ class Suggested(Place):
     targets: int = 0
     gpu_bytes: int = 0
     own_bytes: int = 0
+    grown: float = math.nan
     judgement: Score | None = None
 
     @property

@@ -211,7 +211,7 @@ class Judge:
             smooth = min(each.smooth for each in trials)
             bend = 1.0 if limb else math.nan
             fine = min(each.fine for each in trials) if limb else math.nan
-            merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine)
+            merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine, grown=suggestion.grown)
             best = Score.of(merits(seen=1.0, crests=1.0, closed=bend, around=bend, much=math.nan))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
