@@ -1,7 +1,6 @@
-"""Hold bakes against cloth that was simulated: `python compare.py FOLDER [OTHER] [SCENE]…`, after simulate.py.
+"""Hold bakes against cloth that was simulated: `python compare.py FOLDER [SCENE]…`, after simulate.py.
 
-Prints a table, and writes results.csv beside this module if all scenes were asked for. OTHER is a second folder of
-simulate.py, with a seed. How far two simulations of slightly uneven cloth differ is the least that a bake can reach.
+Prints a table, and writes results.csv beside this module if all scenes were asked for.
 """
 
 import csv
@@ -88,9 +87,8 @@ def read(folder: Path, scene: Scene, cloth: str) -> tuple[Array, float]:
         return stored["positions"].astype(float), float(stored["seconds"].mean())
 
 
-def rows_of(scene: Scene, cloth: str, folder: Path, other: Path | None = None) -> list[tuple[object, ...]]:
+def rows_of(scene: Scene, cloth: str, folder: Path) -> list[tuple[object, ...]]:
     simulated, spent = read(folder, scene, cloth)
-    anew = read(other, scene, cloth) if other is not None and scene.sides else None
     baked, baked_rests = {}, {}
     for variant, listed in looks_of(scene, cloth, simulated).items():
         file, seconds = bake(scene, listed, folder / f"{scene.name}_{cloth}_{variant}")
@@ -105,7 +103,6 @@ def rows_of(scene: Scene, cloth: str, folder: Path, other: Path | None = None) -
         base = scene.posed(scene.cloth, share_of(frame))
         shorter = 1.0 - _lengths(base, middle) / _lengths(rest, middle)
         every = {"simulated": (simulated[frame], spent)}
-        every |= {} if anew is None else {"simulated anew": (anew[0][frame], anew[1])}
         every |= {f"baked, {name}": (posed[number], cost) for name, (posed, cost) in baked.items()}
         for what, (positions, cost) in every.items():
             found = folds(scene, positions, rest, frame)
@@ -130,9 +127,8 @@ def _lengths(positions: Array, line: Array) -> float:
 
 def main() -> None:
     folder, *names = sys.argv[1:]
-    other = Path(names.pop(0)) if names and names[0] not in SCENES else None
     scenes = [SCENES[name]() for name in names or SCENES]
-    rows = [row for scene in scenes for cloth in LOOKS for row in rows_of(scene, cloth, Path(folder), other)]
+    rows = [row for scene in scenes for cloth in LOOKS for row in rows_of(scene, cloth, Path(folder))]
     written = [[f"{each:.4g}" if isinstance(each, float) else each for each in row] for row in rows]
     for row in [COLUMNS, *written]:
         print(*(f"{each!s:>14}" for each in row))

@@ -118,6 +118,33 @@ class Relief:
         ways, clear = _steepest(self.own_slopes)
         return float(np.average(np.degrees(np.arctan2(*np.abs(ways.T[::-1]))), weights=clear * self.areas))
 
+    @property
+    def rms(self) -> float:
+        """The root mean square of the heights, m."""
+        return float(np.sqrt(np.average(self.heights**2, weights=self.areas)))
+
+    @property
+    def reach(self) -> float:
+        """The distance from the bend along the limb, m: the mean by squared heights."""
+        along, _ = self._from_bend
+        return float(np.average(np.abs(along), weights=self.heights**2 * self.areas))
+
+    @property
+    def lean(self) -> float:
+        """Degrees by which crests turn towards the bend on their way to the neutral sides, in the mean."""
+        ways, clear = _steepest(self.own_slopes)
+        steep, aside = (ways * np.where(ways[:, :1] < 0, -1.0, 1.0)).T
+        along, around = self._from_bend
+        return float(
+            np.average(np.degrees(np.arctan2(aside, steep)) * np.sign(along * around), weights=clear * self.areas)
+        )
+
+    @property
+    def _from_bend(self) -> Array:
+        """(2, vertices) distances along the limb from its bend, and round it from the middle of the fold, m."""
+        along, around = self.places.reshape(-1, 2).T
+        return np.stack([along - along.mean(), around])
+
     def overlap(self, other: "Relief") -> float:
         """The area that the densest parts share, over the mean of both areas."""
         one, two = self.densest, other.densest
