@@ -204,5 +204,5 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
             raise BakeError(f"{mask.image!r} {error}", where=where) from error
         document.memory.claim(_PIXEL_BYTES * values.size, f"an image of {values.size} pixels", where=where)
         ground.known[key] = values
-    known: Floats = ground.known[key]
+    known: Array = ground.known[key]
     return known
