@@ -110,8 +110,8 @@ class FieldRegion(Region):
             known_crests[:3, :, new] = np.moveaxis(lines, 2, 0)
             known_crests[3, :, new], known_crests[4, :, new] = (wavelengths[:, 0] * longer).T, steep.T
             # Coordinate by coordinate, as numpy is slow to reduce rows of two or three.
-            one, other = np.moveaxis(known_crests[:, :, ends.T], 2, 0)
-            way = known_places[:, ends[:, 1]] - known_places[:, ends[:, 0]]
+            one, other = (known_crests.take(end, axis=2) for end in ends.T)
+            way = np.subtract(*(known_places.take(end, axis=1) for end in ends.T[::-1]))
             # The part across the crests of each family, and a share of the whole.
             across = (dot(way, one[:3]) ** 2 + dot(way, other[:3]) ** 2) / 2.0
             length = np.sqrt(np.maximum(across, dot(way, way) / _SLENDER**2) * np.maximum(one[4], other[4]))

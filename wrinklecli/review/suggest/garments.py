@@ -212,6 +212,5 @@ def suggest_fields(judge: Judge, garments: Sequence[Garment], budget: float) -> 
 
 def _drafts(judge: Judge, least: RefinementSettings, fields: Sequence[SuggestedField]) -> dict[str, Dropped | Draft]:
     """Attach fields, and refine their meshes, which takes most of the time; by their names."""
-    asset = judge.asset
-    found = in_processes(partial(judge.drafted, least), fields, asset.jobs, shared=asset.shared)
+    found = in_processes(partial(judge.drafted, least), fields, judge.asset.jobs, shared=judge.asset.shared)
     return dict(zip((each.field.name for each in fields), found, strict=True))

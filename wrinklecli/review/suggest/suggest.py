@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from wrinklecli.character.bones import read_bones
-from wrinklecli.character.clip import Clip, chosen_clips, read_clips
+from wrinklecli.character.clip import chosen_clips, read_clips
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.joined import with_clips
 from wrinklecli.character.moved import Motions, Moved, moved
@@ -164,7 +164,6 @@ def _of_clips(read: _Read, options: SuggestOptions, progress: Progress) -> Sugge
     """Suggest fields for garments, and tools where clips compress what they leave bare."""
     joined, nodes, document = read.joined, read.nodes, read.joined.document
     clips = checked = chosen_clips(joined.clips, joined.chosen(options.clips), where=document.path)
-    generated: list[Clip] = []
     if joined.range and not options.clips:
         generated = [clip for clip in clips if clip.name in joined.range]
         others = (clip for clip in clips if clip.name not in joined.range)

@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Generic, NamedTuple, TypeVar
@@ -26,7 +26,6 @@ from wrinklecli.errors import BakeError, counted, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, face_normals, unit
 from wrinklecli.numeric.guard import Progress, log_progress
-from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.preview.sides import UNSEEN, Side, best_moment, part_not_hidden
 from wrinklecli.review.suggest.look import Sight, look_at
@@ -239,12 +238,12 @@ class Judge:
         if cost > budget:
             return Dropped.costly(suggestion, cost), least
         try:
-            placement, seen = placed[suggestion.effect.name], dict[str, list[Seen]]()
+            placement = placed[suggestion.effect.name]
+            seen = cache(lambda name: _seen(placed[name], suggestion.clips_among(self.checked, placed[name].part)))
             if not suggestion.clip:
-                own = seen[suggestion.effect.name] = self._seen(placement, suggestion)
-                if not own:
+                if not seen(suggestion.effect.name):
                     return dropped("not raised", 0.0), needed
-                clip, time = _tallest(placement, own)
+                clip, time = _tallest(placement, seen(suggestion.effect.name))
                 suggestion = replace(suggestion, clip=clip, time=time)
             tallest = StagedTool.of(placement, self.asset.layers, self.asset.clip(suggestion.clip), suggestion.time)
             raised = tallest.height > _RAISED * tallest.size
@@ -268,34 +267,11 @@ class Judge:
         if limb and suggestion.part in _OF_CONTACT and tallest.has_slit:
             judged = judged.crossing(tallest.crossings)
             judged = replace(judged, gpu_bytes=_cost(placed, judged.effect))
-        warning, compressible = self._checked(placed, suggestion, seen)
+        warning, compressible = _checked(placed, seen)
         if not warning:
             return judged, needed
         other = suggestion.mended(compressible)
         return self._tried(least, budget, {}, other) if other else (dropped("warned", 0.0, warning), needed)
-
-    def _seen(self, placement: Placement, suggestion: Suggested) -> list[Seen]:
-        """A suggestion in the clips that `check` looks at, frame by frame."""
-        part, rig = placement.part, placement.plan.rig
-        clips = suggestion.clips_among(self.checked, part)
-        return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
-
-    def _checked(
-        self, placed: dict[str, Placement], suggestion: Suggested, known: dict[str, list[Seen]]
-    ) -> tuple[str, float]:
-        """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
-        warnings, needed = list[str](), 0.0
-        for name, placement in placed.items():
-            plan, part = placement.plan, placement.part
-            seen = once(known, name, partial(self._seen, placement, suggestion))
-            lines = part.words(plan).warnings(plan, seen, up="y")
-            if part.attached.segment is not None:
-                lines += departure_warnings(plan.fine, [part]) + turned_warnings(plan, part, seen)
-            if lines:
-                lengths = ((each.reading.distances, each.reading.rest_lengths) for each in seen)
-                needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
-            warnings += lines
-        return (warnings or [""])[0], needed
 
     def _merits(self, draft: Draft, suggestion: Suggested, tallest: StagedTool) -> Merits:
         """The merits of a suggestion where one sees it best: where it is tallest, or before if a fold hides it then.
@@ -337,13 +313,32 @@ def _cost(placed: dict[str, Placement], effect: EffectTool | None = None) -> int
     )
 
 
+def _seen(placement: Placement, clips: Sequence[Clip]) -> list[Seen]:
+    """It in clips, frame by frame."""
+    part, rig = placement.part, placement.plan.rig
+    return [seen_at(part, rig, clip, _frames_of(clip, rig)) for clip in clips]
+
+
+def _checked(placed: dict[str, Placement], seen: Callable[[str], list[Seen]]) -> tuple[str, float]:
+    """The first warning of `check`, or an empty string, and the `compressible` that a tool needs."""
+    warnings, needed = list[str](), 0.0
+    for name, placement in placed.items():
+        plan, part, own = placement.plan, placement.part, seen(name)
+        lines = part.words(plan).warnings(plan, own, up="y")
+        if part.attached.segment is not None:
+            lines += departure_warnings(plan.fine, [part]) + turned_warnings(plan, part, own)
+        if lines:
+            lengths = ((each.reading.distances, each.reading.rest_lengths) for each in own)
+            needed = max(needed, math.ceil(100.0 * part.attached.fitting_compressible(lengths)) / 100.0)
+        warnings += lines
+    return (warnings or [""])[0], needed
+
+
 def _tallest(placement: Placement, seen: Sequence[Seen]) -> tuple[str, float]:
     """The clip and the second in which a shape of a suggestion is taller than any other one ever is."""
     sizes = placement.part.sizes(placement.plan.fine)
-    heights, motion = max(
-        (((each.weights * sizes).max(axis=1), each.motion) for each in seen), key=lambda each: each[0].max()
-    )
-    return motion.clip.name, float(motion.times[int(heights.argmax())])
+    most = max(seen, key=lambda each: (each.weights * sizes).max())
+    return most.motion.clip.name, float(most.motion.times[int((most.weights * sizes).max(axis=1).argmax())])
 
 
 def _bends(staged: StagedTool, *, limb: bool) -> dict[str, float]:
