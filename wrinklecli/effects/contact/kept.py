@@ -16,7 +16,6 @@ from wrinklecli.character.clip import Channel, Clip
 from wrinklecli.effects.contact.crease import Crease, Followed
 from wrinklecli.effects.contact.fold import Fold
 from wrinklecli.effects.kept import digest_of, plain, read_records, written_records
-from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats
 
 MOST_BYTES = 2**27
@@ -27,14 +26,7 @@ Spanned: TypeAlias = Sequence[tuple[Crease, Mapping[int, Followed]]]
 """Folds that are solved together: their shapes, and the weights of these in each clip, by its number."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Stored:
-    """A stored solution."""
-
-    spanned: Spanned
-
-
-_RECORDS = (_Stored, Crease, Followed, Clip, Channel)
+_RECORDS = (Crease, Followed, Clip, Channel)
 
 
 def solution_key(
@@ -64,7 +56,7 @@ def solution_key(
 
 def written(solved: Spanned, members: Sequence[Fold], clips: Mapping[int, Clip]) -> bytes:
     """The bytes of a solution."""
-    return written_records(_Stored(solved), [*members, *clips.values()])
+    return written_records(solved, [*members, *clips.values()])
 
 
 def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> Spanned:
@@ -73,13 +65,13 @@ def read(data: bytes, members: Sequence[Fold], clips: Mapping[int, Clip]) -> Spa
     Raises:
         AttributeError, LookupError, TypeError, ValueError, OverflowError, RecursionError: It is none of these folds.
     """
-    stored: _Stored = read_records(data, _RECORDS, [*members, *clips.values()])
-    if [id(crease.fold) for crease, _ in stored.spanned] != [id(fold) for fold in members if fold.crosses]:
+    stored: Spanned = read_records(data, _RECORDS, [*members, *clips.values()])
+    if [id(crease.fold) for crease, _ in stored] != [id(fold) for fold in members if fold.crosses]:
         raise ValueError("its folds are others")
-    for crease, own in stored.spanned:
+    for crease, own in stored:
         if crease.shapes.shape[1:] != (len(crease.fold.free_vertices), 3) or [*own] != [*clips]:
             raise ValueError("its folds or clips are others")
         fitted = [*crease.swept, *own.values()]
         if any(each.weights.shape != (len(each.times), len(crease.shapes)) for each in fitted):
             raise ValueError("its weights are others")
-    return stored.spanned
+    return stored
