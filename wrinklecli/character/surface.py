@@ -6,7 +6,7 @@ point of the artist's mesh moves as one.
 
 from collections.abc import Mapping
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -247,10 +247,7 @@ def _attribute(
 
 def influence_sets(attributes: Json) -> int:
     """Number of sets of four joints and weights of a primitive, JOINTS_0 and so on."""
-    sets = 0
-    while f"JOINTS_{sets}" in attributes and f"WEIGHTS_{sets}" in attributes:
-        sets += 1
-    return sets
+    return next(sets for sets in count() if not {f"JOINTS_{sets}", f"WEIGHTS_{sets}"} <= attributes.keys())
 
 
 def read_influences(

@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 from contextlib import suppress
+from itertools import count
 from typing import Any
 
 from wrinklecli.errors import ConfigError, WrinkleError
@@ -59,9 +60,7 @@ class SideFile:
 
     def set_aside(self) -> str:
         """Rename the side file, whatever it holds, to a name that is free, and return that; ConfigError if it fails."""
-        number = 1
-        while os.path.lexists(aside := f"{self.path}.{number}"):
-            number += 1
+        aside = next(each for number in count(1) if not os.path.lexists(each := f"{self.path}.{number}"))
         try:
             os.rename(self.path, aside)
         except OSError as error:

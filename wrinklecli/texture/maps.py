@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, count
 from typing import Any, get_args
 
 import numpy as np
@@ -264,11 +265,8 @@ def make_maps(
 def _file_name(name: str, taken: set[str]) -> str:
     """Letters, digits and `_` of a name, different from others whatever the case."""
     plain = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "material"
-    lower, found, number = {each.lower() for each in taken}, plain, 1
-    while found.lower() in lower:
-        number += 1
-        found = f"{plain}_{number}"
-    return found
+    names, lower = chain([plain], (f"{plain}_{number}" for number in count(2))), {each.lower() for each in taken}
+    return next(each for each in names if each.lower() not in lower)
 
 
 def _nameless(document: Document, plan: MeshPlan, effects: Sequence[Effect]) -> list[str]:

@@ -10,6 +10,7 @@ import math
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from itertools import count
 
 import numpy as np
 
@@ -168,10 +169,7 @@ def _unwrap(job: Job, edited: EditedDocument, wrinkled: _Wrinkled, size: int) ->
 
 def _sets(primitive: Json) -> int:
     """The number of the first set of texture coordinates that a primitive lacks."""
-    number = 0
-    while f"TEXCOORD_{number}" in primitive["attributes"]:
-        number += 1
-    return number
+    return next(number for number in count() if f"TEXCOORD_{number}" not in primitive["attributes"])
 
 
 def _frames(job: Job, wrinkled: _Wrinkled) -> Floats:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 from wrinklecli.tools.body import ActivationMorph
@@ -33,10 +34,7 @@ def split_side(name: str) -> tuple[str, str]:
 def numbered(stem: str, taken: Collection[str]) -> str:
     """A stem with the least number from which no taken identifier comes; a side of the stem stays at its end."""
     body, side = (stem[:-2], stem[-2:]) if stem[-2:] in (".L", ".R") else (stem, "")
-    number = 1
-    while identifier(name := f"{body}_{number}{side}") in taken:
-        number += 1
-    return name
+    return next(name for number in count(1) if identifier(name := f"{body}_{number}{side}") not in taken)
 
 
 def mirrored(record: type, values: Mapping[str, Any], axis: str) -> dict[str, Any]:
