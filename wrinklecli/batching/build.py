@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, suppress
+from pathlib import Path
 from typing import Any
 
 from wrinklecli.baking.job import BakeOptions
@@ -61,8 +62,8 @@ def build(
         except OSError as error:
             raise BakeError(f"cannot be written: {error.strerror}", where=folder) from error
     # A new count of the peak memory, if the system can: see `proc_pid_clear_refs(5)`.
-    with suppress(OSError), open("/proc/self/clear_refs", "w") as file:
-        file.write("5")
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
     with held(options.max_memory), solutions_in(solutions):
         with open_outputs() as outputs:
             protect(job, outputs)

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from functools import cache, lru_cache
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import wrinklecli
@@ -37,8 +38,7 @@ def program() -> str:
     digest = hashlib.sha256()
     for path in sorted(os.path.join(top, name) for top, _, names in os.walk(folder) for name in names):
         if path.endswith((".py", ".yaml")):
-            with open(path, "rb") as file:
-                digest.update(file.read())
+            digest.update(Path(path).read_bytes())
     return f"{version('wrinklecli')}+{digest.hexdigest()[:16]}"
 
 

@@ -6,6 +6,7 @@ import posixpath
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 
 from wrinklecli.batching import stores
 from wrinklecli.batching.job_files import ROOTS
@@ -164,8 +165,7 @@ def send(staged: Staged, files: list[tuple[str, str]], own: set[tuple[str, str]]
             raise BakeError("is an input too and would be overwritten", where=target)
         image = root == "out" and path != os.path.basename(staged.job.out) and not path.endswith(".bin")
         try:
-            with open(os.path.join(local, path), "rb") as file:
-                data = file.read()
+            data = Path(local, path).read_bytes()
             if image and (root, path) not in own and stores.read_if_there(target) not in (None, data):
                 raise BakeError("is there already and is another image; choose another folder", where=target)
             stores.put(target, data)

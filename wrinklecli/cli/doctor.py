@@ -4,6 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -167,8 +168,7 @@ def _bake() -> dict[str, Any]:
 
                 asset, tools, out = (os.path.join(folder, name) for name in (ASSET, TOOLS, "out.glb"))
                 for path, content in ((asset, kept(ASSET)), (tools, _KNEE.encode())):
-                    with open(path, "wb") as file:
-                        file.write(content)
+                    Path(path).write_bytes(content)
                 report = bake(asset, tools, out, max_levels=0)
                 if not report.data["tools"][0]["targets"] or not os.path.getsize(out) > os.path.getsize(asset):
                     message = "no wrinkles were written"

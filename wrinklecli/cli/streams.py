@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from traceback import walk_tb
 from types import FrameType
 from typing import IO
 
@@ -47,14 +48,11 @@ def may_be_lost() -> Iterator[None]:
 
 def is_of_output(error: OSError) -> bool:
     """True if the error came from writing to standard output, which is then closed."""
-    trace = error.__traceback__
-    while trace is not None:
-        # Only standard output: lines on standard error are written inside `may_be_lost`.
-        if trace.tb_frame.f_code is click.echo.__code__:
-            _give_up(sys.stdout)
-            return True
-        trace = trace.tb_next
-    return False
+    # Only standard output: lines on standard error are written inside `may_be_lost`.
+    found = any(frame.f_code is click.echo.__code__ for frame, _ in walk_tb(error.__traceback__))
+    if found:
+        _give_up(sys.stdout)
+    return found
 
 
 def _give_up(stream: IO[str]) -> None:

@@ -371,6 +371,13 @@ def components(links: Ints, count: int) -> Ints:
     return np.searchsorted(distinct_values(labels), labels)
 
 
+def root_of(roots: list[int] | dict[int, int], thing: int) -> int:
+    """The root of a thing, by the thing that each one leads to; roots lead to themselves. It shortens the way."""
+    while roots[thing] != thing:
+        roots[thing] = thing = roots[roots[thing]]
+    return thing
+
+
 @dataclass(frozen=True, slots=True)
 class VertexFaces:
     """The triangles round each vertex.

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from pathlib import Path
 from typing import TypeVar
 
 from wrinklecli.errors import TooMuchError
@@ -126,8 +127,7 @@ def share(count: int) -> None:
 def _taken() -> int | None:
     """Bytes of data that this process takes; None where the system does not say."""
     try:
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[5]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_text().split()[5]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:  # not a Linux
         return None
 
@@ -217,8 +217,7 @@ _GROUP_FILES = {
 def _lines_of(path: str) -> list[str]:
     """The lines of a file of the system; none if it is not there."""
     try:
-        with open(path, encoding="utf-8", errors="replace") as file:
-            return file.read().splitlines()
+        return Path(path).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, unit, weighted_quantiles
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, root_of, unit, weighted_quantiles
 from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.surface.sites import Sites
 from wrinklecli.surface.strain import along_directions, principal
@@ -87,15 +87,9 @@ def basins(losses: Floats, near: csr_array, least: float) -> Ints:
     summits = np.full(len(losses), -1, np.intp)
     merged: dict[int, int] = {}  # from each summit to the one that it is merged into
 
-    def top(summit: int) -> int:
-        while merged[summit] != summit:
-            merged[summit] = merged[merged[summit]]
-            summit = merged[summit]
-        return summit
-
     for site in order.tolist():
         around = summits[near.indices[near.indptr[site] : near.indptr[site + 1]]]
-        known = {top(int(summit)) for summit in np.unique(around[around >= 0])}
+        known = {root_of(merged, int(summit)) for summit in np.unique(around[around >= 0])}
         # Of equally high summits the first one counts.
         highest = min(known, key=lambda summit: (-losses[summit], summit), default=site)
         merged.setdefault(highest, highest)
@@ -103,7 +97,7 @@ def basins(losses: Floats, near: csr_array, least: float) -> Ints:
         for other in known:
             if losses[other] - losses[site] < _PROMINENCE * losses[other]:
                 merged[other] = highest
-    return np.array([top(int(summit)) if summit >= 0 else -1 for summit in summits], np.intp)
+    return np.array([root_of(merged, int(summit)) if summit >= 0 else -1 for summit in summits], np.intp)
 
 
 def grow_region(

@@ -146,18 +146,17 @@ class Curve:
     @property
     def along(self) -> Floats:
         """(3,) unit vector along the curve in its middle."""
-        return self._at(self.tangents, np.array(0.5))
+        return unit(self._at(self.tangents, np.array(0.5)))
 
     @property
     def normal(self) -> Floats:
         """(3,) unit normal in the curve's middle."""
-        return self._at(self.normals, np.array(0.5))
+        return unit(self._at(self.normals, np.array(0.5)))
 
     @property
     def middle(self) -> Floats:
         """(3,) the point halfway along the curve."""
-        way = 0.5 * self.length
-        return np.array([np.interp(way, self.arc_lengths, axis) for axis in self.points.T])
+        return self._at(self.points, np.array(0.5))
 
     def locate(self, positions: Floats) -> Located:
         """Coordinates of (…, 3) world positions at rest, by the nearest point of the curve."""
@@ -202,22 +201,21 @@ class Curve:
         return u, across, np.minimum(stretches, _ALONE * alone)
 
     def _at(self, vectors: Floats, u: Floats) -> Floats:
-        """(…, 3) unit vectors interpolated from (samples, 3) at (…,) u."""
-        return unit(np.stack([np.interp(u * self.length, self.arc_lengths, axis) for axis in vectors.T], axis=-1))
+        """(…, 3) vectors interpolated from (samples, 3) at (…,) u."""
+        return np.stack([np.interp(u * self.length, self.arc_lengths, axis) for axis in vectors.T], axis=-1)
 
     def cosines(self, u: Floats, normals: Floats) -> Floats:
         """(…,) cosines between (…, 3) unit normals and the curve's normals at (…,) u."""
-        return np.asarray(np.sum(normals * self._at(self.normals, u), axis=-1))
+        return np.asarray(np.sum(normals * unit(self._at(self.normals, u)), axis=-1))
 
     def directions(self, u: Floats) -> Floats:
         """(…, 3) unit vectors along the curve at (…,) u."""
-        return self._at(self.tangents, u)
+        return unit(self._at(self.tangents, u))
 
     def depths(self, positions: Floats) -> Floats:
         """(…,) heights of (…, 3) positions above the curve, along its normals."""
         u = self.locate(positions).u
-        feet = np.stack([np.interp(u * self.length, self.arc_lengths, axis) for axis in self.points.T], axis=-1)
-        return self.cosines(u, positions - feet)
+        return self.cosines(u, positions - self._at(self.points, u))
 
     def box(self, across: float) -> tuple[Floats, Floats, Floats, Floats]:
         """A box of all places up to a distance across: a point, (axes, 3), least and greatest (axes,) coordinates."""

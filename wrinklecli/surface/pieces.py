@@ -6,7 +6,7 @@ sizes are areas, and what is too small becomes part of the neighbour that looks 
 
 import numpy as np
 
-from wrinklecli.numeric.arrays import Floats, Ints, components
+from wrinklecli.numeric.arrays import Floats, Ints, components, root_of
 from wrinklecli.numeric.edges import Edges
 
 # Part of a mesh's area below which a place is a part of the piece round it, such as a button, or a letter on a shirt.
@@ -52,19 +52,14 @@ def _grown(links: Ints, steps: Floats, areas: Floats, scale: float) -> Ints:
     """(triangles,) the pieces after each link, the smallest step first, has joined two that differ as little within."""
     roots, sizes, most = list(range(len(areas))), areas.tolist(), (scale / areas).tolist()
 
-    def root(triangle: int) -> int:
-        while roots[triangle] != triangle:
-            roots[triangle] = triangle = roots[roots[triangle]]
-        return triangle
-
     order = np.argsort(steps, kind="stable")
     for (one, other), step in zip(links[order].tolist(), steps[order].tolist(), strict=True):
-        first, second = root(one), root(other)
+        first, second = root_of(roots, one), root_of(roots, other)
         if first != second and step <= most[first] and step <= most[second]:
             roots[second] = first
             sizes[first] += sizes[second]
             most[first] = step + scale / sizes[first]
-    return np.unique([root(each) for each in range(len(areas))], return_inverse=True)[1].reshape(-1)
+    return np.unique([root_of(roots, each) for each in range(len(areas))], return_inverse=True)[1].reshape(-1)
 
 
 def _absorbed(borders: Ints, colours: Floats, sizes: Floats, least: float) -> Ints:
