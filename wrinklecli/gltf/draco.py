@@ -3,10 +3,13 @@
 Source: KHR_draco_mesh_compression.
 """
 
+from itertools import chain, repeat
+
 import numpy as np
 
 from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
+from wrinklecli.gltf.meshopt import varint
 from wrinklecli.gltf.shape import DRACO
 from wrinklecli.numeric.arrays import Array
 from wrinklecli.numeric.memory import Memory, held
@@ -83,17 +86,6 @@ def _promised(data: memoryview) -> tuple[int, int]:
     if len(data) <= _HEADER_BYTES or data[7] != _MESH or int.from_bytes(data[9:11], "little") & _METADATA_FLAG:
         return 0, 0
     # Edgebreaker streams have the method of traversal, then vertices, then faces; sequential ones faces, then vertices.
-    first, at = _varint(data, _HEADER_BYTES + (data[8] == _EDGEBREAKER))
-    second, _ = _varint(data, at)
+    numbers = chain(data[_HEADER_BYTES + (data[8] == _EDGEBREAKER) :], repeat(0))
+    first, second = varint(numbers), varint(numbers)
     return (second, first) if data[8] == _EDGEBREAKER else (first, second)
-
-
-def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """A number of seven bits per byte, the lowest first, and its end; missing bytes count as 0."""
-    value = shift = 0
-    while at < len(data) and shift < 35:
-        value |= (data[at] & 127) << shift
-        at, shift = at + 1, shift + 7
-        if data[at - 1] < 128:
-            break
-    return value, at

@@ -331,22 +331,25 @@ class _TriangleReader:
         return vertex
 
     def _explicit(self) -> int:
-        """Read a varint, the step from the last explicit vertex."""
-        value = 0
-        for shift in range(0, 7 * _VARINT_BYTES, 7):
-            byte = next(self._corners)
-            value |= (byte & 127) << shift
-            if byte < 128:
-                break
-        else:
-            raise _MalformedError("an index of more than five bytes")
-        value &= _MASK
+        """Read the step from the last explicit vertex."""
+        value = varint(self._corners) & _MASK
         self._last = (self._last + (~(value >> 1) if value & 1 else value >> 1)) & _MASK
         return self._last
 
     def _forget(self) -> None:
         if len(self._edges) > _MOST_REMEMBERED:
             del self._edges[:-_FIFO], self._vertices[:-_FIFO]
+
+
+def varint(stream: Iterator[int]) -> int:
+    """Read a number of seven bits per byte, the lowest first, which ends with the fifth byte at the latest."""
+    value = 0
+    for shift in range(0, 7 * _VARINT_BYTES, 7):
+        byte = next(stream)
+        value |= (byte & 127) << shift
+        if byte < 128:
+            break
+    return value
 
 
 def _indices(data: Bytes, count: int, stride: int) -> Array:
