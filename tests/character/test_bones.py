@@ -169,9 +169,14 @@ def figure(height: float, head: str = "Head") -> Asset:
     return asset
 
 
+@pytest.mark.parametrize("lies", [False, True])
 @pytest.mark.parametrize(("height", "expected"), [(4.5, 1.0), (16.0 / 3.0, 1.0), (6.0, 0.75), (8.0, 0.5)])
-def test_a_head_of_more_than_a_quarter_of_the_height_is_a_toys(height: float, expected: float) -> None:
-    document = as_document(figure(height))
+def test_a_head_of_more_than_a_quarter_of_the_height_is_a_toys(height: float, expected: float, lies: bool) -> None:
+    asset = figure(height)
+    if lies:
+        turned = asset.append("nodes", {"rotation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "children": [0]})
+        asset.gltf["scenes"][0]["nodes"][0] = turned
+    document = as_document(asset)
     assert grown(document, read_rig(document, 3), read_scene(document)) == pytest.approx(expected)
 
 

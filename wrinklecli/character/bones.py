@@ -111,8 +111,10 @@ def forwards_of(rig: Hierarchy, bones: Bones) -> Floats:
 def grown(document: Document, rig: Rig, scene: Iterable[ScenePrimitive]) -> float:
     """Compare the proportions of a character with those of people: its height over that of one with such a head.
 
+    Up is from the root of its skeleton to its head, as some characters sit or lie in the stored pose.
+
     Args:
-        document: The asset, y up.
+        document: The asset.
         rig: Of a mesh of the character.
         scene: All that the asset shows. What the joints of the same skeleton carry is the character.
 
@@ -128,12 +130,14 @@ def grown(document: Document, rig: Rig, scene: Iterable[ScenePrimitive]) -> floa
     own = {*map(top, rig.joints.tolist())}
     heads = [each for each in sorted(joints) if parts[each] == "head" and top(each) in own]
     carried = (each for each in scene if top(int(each.rig.joints[0]) if each.rig.skinned else each.rig.node) in own)
-    heights = np.concatenate([np.zeros(0), *(each.posed(None, np.zeros(1)).corners()[..., 1].flat for each in carried)])
-    low, high = heights.min(initial=np.inf), heights.max(initial=-np.inf)
-    if not heads or low >= high:
+    shown = [each.posed(None, np.zeros(1)).corners().reshape(-1, 3) for each in carried]
+    corners = np.concatenate([np.zeros((0, 3)), *shown])
+    if not heads or not len(corners):
         return math.nan
-    neck = stored_positions(rig, heads)[:, 1].min()
-    return float((high - low) / max(high - low, (high - neck) / _HEAD))
+    places = stored_positions(rig, [top(heads[0]), *heads])
+    up = unit(places[1:].mean(axis=0) - places[0])
+    low, high, neck = (corners @ up).min(), (corners @ up).max(), (places[1:] @ up).min()
+    return float((high - low) / max(high - low, (high - neck) / _HEAD)) if low < high else math.nan
 
 
 def words_of(name: str) -> str:
