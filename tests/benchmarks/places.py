@@ -286,10 +286,12 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, str]]) -> None:
         writer.writerows(rows)
 
 
-def fields_of(files: Mapping[str, Path], character: str) -> dict[str, dict[str, float]]:
-    """Measure merits of the fields of a character, also of those that `suggest` leaves out, by the names of fields."""
+def measure_character(files: Mapping[str, Path], done: Path, character: str) -> None:
+    """Add merits of the fields of a character, also of those that `suggest` leaves out, to the lines of a file."""
     found = suggest(files[character], everything=True, count=0, progress=lambda *_: None).fields
-    return {each.field.name: asdict(each.judgement.merits) for each in found if each.judgement}
+    merits = {each.field.name: asdict(each.judgement.merits) for each in found if each.judgement}
+    with done.open("a", encoding="utf-8") as file:
+        file.write(json.dumps([character, merits]) + "\n")
 
 
 def measure_fields(files: Mapping[str, Path], done: Path) -> None:
@@ -301,15 +303,16 @@ def measure_fields(files: Mapping[str, Path], done: Path) -> None:
     """
     tables = {path: read_rows(path) for path in (PLACES, UNSEEN)}
     rows = [row for table in tables.values() for row in table if row["tool"].startswith(FIELD)]
+
+    def known() -> dict[str, dict[str, dict[str, float]]]:
+        return dict(map(json.loads, done.read_text(encoding="utf-8").splitlines()))
+
     done.touch()
-    known = dict(map(json.loads, done.read_text(encoding="utf-8").splitlines()))
-    asked = [each for each in dict.fromkeys(row["character"] for row in rows) if each in files and each not in known]
-    for character, found in zip(asked, in_processes(partial(fields_of, files), asked, core_count()), strict=True):
-        known[character] = found
-        with done.open("a", encoding="utf-8") as file:
-            file.write(json.dumps([character, found]) + "\n")
-    for row in (row for row in rows if row["character"] in known):
-        own = known[row["character"]]
+    asked = [each for each in files.keys() & {row["character"] for row in rows} if each not in known()]
+    list(in_processes(partial(measure_character, files, done), sorted(asked), core_count()))
+    measured = known()
+    for row in (row for row in rows if row["character"] in measured):
+        own = measured[row["character"]]
         pair = [Merits(**own[name]) for name in row["tool"].removeprefix(FIELD).split(" + ") if name in own]
         # A field that is level keeps the merits that it had.
         row["limb"] = "1" if pair else "0"
