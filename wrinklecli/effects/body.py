@@ -14,7 +14,7 @@ from wrinklecli.character.pose import Pose
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import AnyDrive
 from wrinklecli.effects.attached import Attached
-from wrinklecli.effects.effect import VISIBLE, Effect, MeshPlan, SamplingOptions, Seen, Words, driven_targets
+from wrinklecli.effects.effect import VISIBLE, Effect, Layer, MeshPlan, SamplingOptions, Seen, Words, driven_targets
 from wrinklecli.effects.shapes import Sample, Shape, make_shapes
 from wrinklecli.errors import counted
 from wrinklecli.frozen import dataclass
@@ -182,7 +182,7 @@ class BodyPart(Generic[AttachedType]):
 
 
 @dataclass(frozen=True, slots=True)
-class BodyLayer(ABC, Generic[AttachedType]):
+class BodyLayer(Layer, Generic[AttachedType]):
     """The muscles, or the regions of flesh, of a mesh.
 
     Attributes:
@@ -194,10 +194,6 @@ class BodyLayer(ABC, Generic[AttachedType]):
     attached: tuple[AttachedType, ...]
     regions: tuple[int, ...]
     deltas: tuple[Floats, ...]
-
-    section: ClassVar[str]
-    is_solved: ClassVar[bool] = False
-    projected: ClassVar[int] = 0
 
     @classmethod
     def of(cls, plan: MeshPlan, numbered: Iterable[tuple[int, AttachedType]]) -> Self:
@@ -212,11 +208,6 @@ class BodyLayer(ABC, Generic[AttachedType]):
     def parts(self) -> Sequence[BodyPart[AttachedType]]:
         """Each of them."""
         return [BodyPart(*each, self) for each in zip(self.attached, self.regions, self.deltas, strict=True)]
-
-    @property
-    def named_clips(self) -> frozenset[str]:
-        """None: they act alike in clips of one motion."""
-        return frozenset()
 
     @property
     def sampled_numbers(self) -> int:

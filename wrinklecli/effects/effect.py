@@ -8,7 +8,7 @@ one order, and each sees the body as moved by those before it.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -328,39 +328,47 @@ class Part(Protocol):
 
 
 class Layer(Protocol):
-    """All effects of one kind on a refined mesh."""
+    """All effects of one kind on a refined mesh.
+
+    Attributes:
+        section: The key of extras and report under which these effects stand.
+        is_solved: True if its effects are found by a solver, which takes minutes.
+    """
+
+    __slots__ = ()
+    section: ClassVar[str]
+    is_solved: ClassVar[bool] = False
 
     @property
     def parts(self) -> Sequence[Part]:
         """The effects, as far as they are known before clips are sampled."""
-
-    @property
-    def is_solved(self) -> bool:
-        """True if its effects are found by a solver, which takes minutes."""
-
-    @property
-    def section(self) -> str:
-        """The key of extras and report under which these effects stand."""
+        return ()
 
     @property
     def named_clips(self) -> frozenset[str]:
         """Names of clips in which an effect acts differently from other clips of the same motion."""
+        return frozenset()
 
     @property
     def sampled_numbers(self) -> int:
         """The count of numbers that are kept for each sampled time."""
+        return 0
 
     @property
     def projected(self) -> int:
         """The number of vertices that are posed at each time that is sampled."""
+        return 0
 
-    def target_sizes(self, plan: MeshPlan, clips: Sequence[Clip], frames: int, memory: Memory) -> list[int]:
+    def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
         """An estimate, before clips are sampled, of the welded vertices that each morph target moves, at most.
+
+        There is none if the effects have few targets and few vertices.
 
         Raises:
             BakeError: There would be too many targets.
             TooMuchError: Sampling would take more memory than there may be.
         """
+        return []
 
     def effects(
         self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions
@@ -378,8 +386,9 @@ class Layer(Protocol):
             BakeError: There are too many shapes.
         """
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Clip]) -> list[str]:
+    def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
         """Warnings for users about several effects together, besides those of each."""
+        return []
 
 
 class EffectKind(ABC, Generic[ToolType, AttachedOfKind]):

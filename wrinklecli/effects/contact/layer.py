@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.mesh_names import MeshNames
 from wrinklecli.effects.attached import AnyAttached
-from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions
+from wrinklecli.effects.effect import Effect, EffectKind, Layer, MeshPlan, SamplingOptions
 from wrinklecli.effects.field.layer import FieldLayer
 from wrinklecli.effects.wrinkle.layer import carried_patches_of
 from wrinklecli.errors import BakeError, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.memory import Memory
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.records import EffectTool, ToolsFile, WrinkleTool
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class ContactLayer:
+class ContactLayer(Layer):
     """The folds of a mesh whose contact is resolved.
 
     Attributes:
@@ -35,15 +34,7 @@ class ContactLayer:
     tools_without_fold: tuple[str, ...]
 
     section: ClassVar[str] = "folds"  # as that of effects, whose module other bakes do not import
-    named_clips: ClassVar[frozenset[str]] = frozenset()
-    sampled_numbers: ClassVar[int] = 0
-    projected: ClassVar[int] = 0
-    parts: ClassVar[tuple[Part, ...]] = ()
     is_solved: ClassVar[bool] = True
-
-    def target_sizes(self, _plan: MeshPlan, _clips: Sequence[Clip], _frames: int, _memory: Memory) -> list[int]:
-        """Nothing, as a fold has few targets and few vertices."""
-        return []
 
     def effects(
         self, plan: MeshPlan, clips: Sequence[Clip], before: Sequence[Effect], how: SamplingOptions

@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from wrinklecli.character.clip import Clip
 from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
 from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
@@ -135,10 +134,6 @@ class TouchLayer(BodyLayer[AttachedTouch]):
                 [rows, *(drive.weights_of_contacts(bent, np.full(len(bent), bend)) for bend in (-_BENT, _BENT))]
             )
         return body_effect(attached, body_shapes(plan, deltas, rows), TouchWords(attached, deltas))
-
-    def warnings(self, _plan: MeshPlan, _clips: Sequence[Clip]) -> list[str]:
-        """Nothing: each touch speaks for itself."""
-        return []
 
 
 class TouchKind(EffectKind[Touch, AttachedTouch]):

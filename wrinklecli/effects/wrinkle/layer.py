@@ -10,7 +10,7 @@ from wrinklecli.character.rig import Rig
 from wrinklecli.drive.drive import Drive
 from wrinklecli.drive.segment import Lengths
 from wrinklecli.effects.below import losses_below
-from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Part, SamplingOptions, Seen
+from wrinklecli.effects.effect import Effect, EffectKind, Layer, MeshPlan, Part, SamplingOptions, Seen
 from wrinklecli.effects.faults import departure_warnings
 from wrinklecli.effects.sampling import most_overlaps
 from wrinklecli.effects.wrinkle.activity import Activity, ClipActivity, curve_drive
@@ -146,7 +146,7 @@ class WrinklePart:
 
 
 @dataclass(frozen=True, slots=True)
-class WrinkleLayer:
+class WrinkleLayer(Layer):
     """The wrinkling tools of a mesh.
 
     Attributes:
@@ -158,7 +158,6 @@ class WrinkleLayer:
     first: int = 0
 
     section: ClassVar[str] = SECTION
-    is_solved: ClassVar[bool] = False
 
     @property
     def parts(self) -> Sequence[WrinklePart]:
