@@ -118,8 +118,9 @@ class Crossings:
             (pairs, 5) the two ends of edges, and the three corners of triangles, which are others.
         """
         edges, triangles = self._near(np.minimum(one, other), np.maximum(one, other), counting)
+        ends, corners = (np.ascontiguousarray(each.T) for each in (self.edges, self.triangles))
         apart = [
-            part.start + _apart(self.edges.T.take(edges[part], axis=1), self.triangles.T.take(triangles[part], axis=1))
+            part.start + _apart(ends.take(edges[part], axis=1), corners.take(triangles[part], axis=1))
             for part in portions(len(edges), 4)
         ]
         meeting = np.concatenate([np.zeros(0, np.intp), *apart])
@@ -147,21 +148,19 @@ class Crossings:
             else []
         )
         top = min(_TOP, depth)
-        found, stack = [np.zeros((2, 0), np.intp)], [(top, *np.indices((2**top, 2**top)).reshape(2, -1))]
+        edges, triangles = np.indices((2**top, 2**top)).reshape(2, -1)
+        meeting = _meeting(trees[0][top], trees[1][top], edges, triangles)
+        found, stack = [np.zeros((2, 0), np.intp)], [(top, edges.take(meeting), triangles.take(meeting))]
         while stack:
             level, edges, triangles = stack.pop()
-            meeting = _meeting(trees[0][level], trees[1][level], edges, triangles)
-            edges, triangles = edges.take(meeting), triangles.take(meeting)
             if level == depth:
                 found.append(np.stack([self.edge_order.take(edges), self.triangle_order.take(triangles)]))
                 continue
             if counts:
                 counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
                 edges, triangles = edges.take(counted), triangles.take(counted)
-            edges, triangles = 2 * edges, 2 * triangles
-            edges = np.concatenate([edges, edges, edges + 1, edges + 1])
-            triangles = np.concatenate([triangles, triangles + 1, triangles, triangles + 1])
-            stack += [(level + 1, edges[part], triangles[part]) for part in portions(len(edges), 4)]
+            for part in portions(len(edges), 4):
+                stack.append((level + 1, *_children(*(tree[level + 1] for tree in trees), edges[part], triangles[part])))
         edges, triangles = np.concatenate(found, axis=1)
         return edges, triangles
 
@@ -285,13 +284,32 @@ def _packed(cells: Ints) -> Codes:
     return code
 
 
+def _children(
+    first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints
+) -> tuple[Ints, Ints]:
+    """The pairs of boxes below `some` and `others` that meet; the codes of both are those of the level below."""
+    found, below = [], [(child, *(code.take(child) for code in second)) for child in (2 * others, 2 * others + 1)]
+    for one in (2 * some, 2 * some + 1):
+        sides = [code.take(one) for code in first]
+        for other, *other_sides in below:
+            meeting = _meet(*sides, *other_sides)
+            found.append((one.take(meeting), other.take(meeting)))
+    ones, others = (np.concatenate(each) for each in zip(*found, strict=True))
+    return ones, others
+
+
+def _meet(low: Codes, high: Codes, other_low: Codes, other_high: Codes) -> Ints:
+    # A difference takes a guard bit away where a low side lies above the other box's high side.
+    guards = other_high - low
+    guards &= high - other_low
+    guards &= _GUARDS
+    return np.flatnonzero(guards == _GUARDS)
+
+
 def _meeting(first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints) -> Ints:
     """(meeting,) which pairs of `some` boxes of the first and `others` of the second meet."""
     (low, high), (other_low, other_high) = first, second
-    # A difference takes a guard bit away where a low side lies above the other box's high side.
-    guards = other_high.take(others) - low.take(some)
-    guards &= high.take(some) - other_low.take(others)
-    return np.flatnonzero(guards & _GUARDS == _GUARDS)
+    return _meet(low.take(some), high.take(some), other_low.take(others), other_high.take(others))
 
 
 def _any_tree(leaves: Bools, depth: int) -> list[Bools]:
