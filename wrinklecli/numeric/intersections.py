@@ -126,8 +126,8 @@ class Crossings:
         meeting = np.concatenate([np.zeros(0, np.intp), *apart])
         for axes in _DIAGONALS:
             edges, triangles = edges.take(meeting), triangles.take(meeting)
-            ends = one @ axes.T, other @ axes.T
-            cells = _cells(np.minimum(*ends), np.maximum(*ends))
+            begun, ended = one @ axes.T, other @ axes.T
+            cells = _cells(np.minimum(begun, ended), np.maximum(begun, ended))
             of_edges, of_triangles = (_codes(*_boxes(*cells, each, len(each))) for each in (self.edges, self.triangles))
             meeting = _meeting(of_edges, of_triangles, edges, triangles)
         pairs = self._corners(edges.take(meeting), triangles.take(meeting))
@@ -159,8 +159,9 @@ class Crossings:
             if counts:
                 counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
                 edges, triangles = edges.take(counted), triangles.take(counted)
+            of_edges, of_triangles = (tree[level + 1] for tree in trees)
             for part in portions(len(edges), 4):
-                stack.append((level + 1, *_children(*(tree[level + 1] for tree in trees), edges[part], triangles[part])))
+                stack.append((level + 1, *_children(of_edges, of_triangles, edges[part], triangles[part])))
         edges, triangles = np.concatenate(found, axis=1)
         return edges, triangles
 
@@ -284,9 +285,7 @@ def _packed(cells: Ints) -> Codes:
     return code
 
 
-def _children(
-    first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints
-) -> tuple[Ints, Ints]:
+def _children(first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints) -> tuple[Ints, Ints]:
     """The pairs of boxes below `some` and `others` that meet; the codes of both are those of the level below."""
     found, below = [], [(child, *(code.take(child) for code in second)) for child in (2 * others, 2 * others + 1)]
     for one in (2 * some, 2 * some + 1):

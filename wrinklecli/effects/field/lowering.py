@@ -35,9 +35,10 @@ from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
 # Most poses in which the surface is looked at.
-_POSES = 64
-# Moments of a clip that are among them, evenly spread, at most; and decimal digits of weights by which poses differ.
-_MOMENTS, _DIGITS = 25, 3
+_POSES = 48
+# Moments of a clip that they are chosen from, evenly spread; and the least distance of their weights: the default of
+# --max-error, as players may be as far off.
+_MOMENTS, _APART = 25, 0.01
 # Halvings of what is at fault for the first time. Each further time takes as many as all before and a first one more,
 # so that even shapes that hardly act become level. Most faults are gone after a little, which leaves a fold to be seen.
 _FIRST = 0.25
@@ -113,26 +114,28 @@ def _below_layers(ground: Ground, fine: Refinement, tallest: Floats, ways: Float
 
 
 def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Bools]:
-    """(poses, joints, 4, 4) matrices and (poses, shapes) weights of clips, greatest weights first, then of sweeps.
+    """(poses, joints, 4, 4) matrices and (poses, shapes) weights of clips, then of sweeps, the most different first.
 
     The last result has (poses,) flags of those of clips.
 
     Clips are what is seen. They show how far joints turn, and together: between the poses of a sweep a crease may turn
-    a triangle.
+    a triangle. Each next pose is the one whose weights are farthest from those of all before it, and from level.
     """
     sweeps, factors = attached.sweeps, attached.factors
-    matrices, weights = [sweeps.matrices], [weights_of(sweeps, factors.turns, factors.tables)]
+    matrices, weights = list[Floats](), list[Floats]()
     drive = replace(attached.drive, strengths={}, strength=1.0)
     for clip in ground.clips:
         times = np.linspace(clip.start, clip.end, _MOMENTS)
         matrices.append(joint_matrices(ground.rig, clip, times))
         weights.append(drive.weights_in(ground.rig, clip)(times))
-    every = np.concatenate(weights)
-    # A clip that goes to and fro has each pose twice.
-    own = np.sort(np.unique(np.round(every, _DIGITS), axis=0, return_index=True)[1])
-    of_sweeps = own < len(sweeps.matrices)
-    chosen = own[np.lexsort((-(every[own] ** 2).sum(axis=1), of_sweeps))][:_POSES]
-    return np.concatenate(matrices)[chosen], every[chosen], chosen >= len(sweeps.matrices)
+    every = np.concatenate([*weights, weights_of(sweeps, factors.turns, factors.tables)])
+    of_clips = np.arange(len(every)) < len(every) - len(sweeps.matrices)
+    chosen, apart = list[int](), (every**2).sum(axis=1)
+    for own in (of_clips, ~of_clips):
+        while len(chosen) < _POSES and (apart * own).max() > _APART**2:
+            chosen.append(int((apart * own).argmax()))
+            apart = np.minimum(apart, ((every - every[chosen[-1]]) ** 2).sum(axis=1))
+    return np.concatenate([*matrices, sweeps.matrices])[chosen], every[chosen], of_clips[chosen]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
