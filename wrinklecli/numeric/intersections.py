@@ -27,7 +27,7 @@ _BITS = 20
 _CELLS = 2**_BITS - 3
 _GUARDS = np.int64(sum(1 << (_BITS + k * (_BITS + 1)) for k in range(3)))
 # The diagonals of the faces of a box, three at a time: a narrow triangle that leans fills little of its box.
-_DIAGONALS = np.array([[[1.0, 1, 0], [1, -1, 0], [0, 1, 1]], [[0, 1, -1], [1, 0, 1], [-1, 0, 1]]])
+_DIAGONALS = [np.eye(3) + sign * np.roll(np.eye(3), 1, axis=1) for sign in (1.0, -1.0)]
 # Level of the trees at which a search begins, with all pairs of its boxes: above it few pairs are told apart.
 _TOP = 5
 # Error of a coordinate of a posed vertex over the largest one: skinning adds about 2e-14.
