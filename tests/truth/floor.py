@@ -1,4 +1,4 @@
-"""How far fields are from simulations, and these from one another: `python floor.py FOLDER OTHER…`, after simulate.py.
+"""Holds fields against simulations, and these against one another: `python floor.py FOLDER OTHER…`, after simulate.py.
 
 Each folder has a simulation of another chance. A bake does not know that chance, so no more can be asked of fields, of
 as many seeds, than what simulations have between each other. Prints a table, and writes floor.csv beside this module.

@@ -67,7 +67,7 @@ class Ground:
 
     @cached_property
     def known(self) -> dict[Hashable, Any]:
-        """What many tools share, by what it was read from: images of masks, substances, and poses of fields."""
+        """Values that many tools share, by what they were read from: images of masks, substances, poses of fields."""
         return {}
 
     @cached_property

@@ -69,7 +69,7 @@ class TriedAsset:
 
     @property
     def shared(self) -> list[object]:
-        """What results of other processes have of it, and of its meshes at rest as far as these are read."""
+        """The objects that results of other processes refer to: its meshes at rest, as far as these are read."""
         grounds = self._grounds.values()
         return [part for each in grounds for part in (each, each.document, each.rig, each.surface, each.rest)]
 
