@@ -12,7 +12,7 @@ const KINDS = {
   ...{ muscles: wrinkleWeights, flesh: fleshWeights, touches: touchWeights },
   ...{ tools: wrinkleWeights, fields: fieldWeights, folds: foldWeights },
 };
-/** The layout of the extras that this driver reads, and those before it; extras that name none have layout 1. */
+/** The layout of the extras that this driver reads; extras that name none have layout 1. */
 export const LAYOUT = 2;
 /** Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most. */
 const LEFT = 0.001;
@@ -36,9 +36,9 @@ export class Body {
    * warn      gets a line for each drive that is left out or does not show, and why
    */
   constructor(wrinkle, { hasJoint = () => true, hasTarget = () => true, warn = () => {} } = {}) {
-    const { layout = 1 } = (this.wrinkle = wrinkle);
-    if (layout > LAYOUT) warn(`its extras have layout ${layout}, and this driver reads up to ${LAYOUT}; take a newer driver`);
-    const all = layout > LAYOUT ? [] : Object.keys(KINDS);
+    const { layout = 1 } = wrinkle;
+    if (layout !== LAYOUT) warn(`its extras have layout ${layout}, and this driver reads ${LAYOUT}: bake its source again, or take its version's driver`);
+    const all = layout !== LAYOUT ? [] : Object.keys(KINDS);
     this.drives = all.flatMap((kind) => (wrinkle[kind] ?? []).map((drive) => ({ kind, drive, state: {} })));
     this.drives = this.drives.filter(({ drive }) => {
       const { name, joint, targets } = drive;
@@ -81,7 +81,7 @@ export class Body {
     const weightOf = (name) => found[name] ?? morphWeightOf(name);
     for (const { kind, drive, state } of this.drives) {
       const known = kind === 'flesh' ? during(drive) : {};
-      const how = { morphWeightOf: weightOf, clip, time, state, elapsed, hand: hands[drive.name], layout: this.wrinkle.layout, ...known };
+      const how = { morphWeightOf: weightOf, clip, time, state, elapsed, hand: hands[drive.name], ...known };
       // A fold that no joint bends is driven as a tool.
       const weightsOf = kind === 'folds' && !drive.joint ? wrinkleWeights : KINDS[kind];
       const values = weightsOf(drive, jointMatrixOf, how);

@@ -5,23 +5,6 @@ import { activation, split, tabulated } from './muscle.js';
 import { between } from './polyline.js';
 import { lagged } from './spring.js';
 
-/** Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more. */
-function followed(curve, distance, length) {
-  const { taut, compressible = 0, intervals, bumps, distances, capacities, parts, rises, mix, positive, least = 0 } = curve;
-  const ends = taut * length - (1 - compressible) * (taut * length - distance);
-  const chord = (2 * ends) / intervals;
-  const capacity = distances ? between(distances, capacities, ends) : Infinity;
-  let left = Math.max(taut * length - ends, 0);
-  const heights = bumps.flatMap((count) => {
-    const share = Math.min(left / count, capacity);
-    left = Math.max(left - count * share, 0);
-    const part = share / (chord + share) || 0;
-    return rises[0].map((_, k) => (chord + share) * Math.sqrt(part) * between(parts, rises.map((row) => row[k]), part));
-  });
-  const sums = mix.map((row) => row.reduce((sum, factor, k) => sum + factor * heights[k], 0));
-  return sums.map((weight) => ((positive ? weight : Math.abs(weight)) > least ? weight : 0));
-}
-
 /**
  * The weights of one tool's morph targets, in the order of `toolExtras.targets`.
  *
@@ -30,14 +13,13 @@ function followed(curve, distance, length) {
  * morphWeightOf  the weight of another morph target by name, where faces move the anchors
  * clip, time     name and seconds, for tools with a strength or rest length of their own in a clip
  * state, elapsed for tools that lag: what `lagged` keeps of the tool from call to call, and seconds since the last
- * layout         that of the extras, if they have one: from 2 on weights grow with the rest length
  */
 export function wrinkleWeights(
   toolExtras,
   jointMatrixOf,
-  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed, layout = 1 } = {},
+  { morphWeightOf = () => 0, clip, time = 0, state = {}, elapsed } = {},
 ) {
-  const { rest_length: nominal, rest_length_morph: morph, curve, targets, lag } = toolExtras;
+  const { rest_length: nominal, rest_length_morph: morph, targets, lag } = toolExtras;
   const { tension, lows = [] } = toolExtras;
   const posed = anchorsOf(toolExtras).map((each) => anchor(each, jointMatrixOf, morphWeightOf));
   const scale = posed.reduce((sum, each) => sum + each.scale, 0) / posed.length;
@@ -58,9 +40,7 @@ export function wrinkleWeights(
     const x = Math.min(lagged(state, lag, lag.taut - distance / length, elapsed), lag.taut);
     distance = x > 0 ? (lag.taut - x) * length : Math.max(distance, lag.taut * length);
   }
-  const found = curve
-    ? followed(curve, distance, length)
-    : tabulated(toolExtras, 1 - ends / length, 1 - distance / length);
-  const factor = (toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1) * (layout > 1 ? length / nominal : 1);
+  const found = tabulated(toolExtras, 1 - ends / length, 1 - distance / length);
+  const factor = ((toolExtras.strengths?.[clip] ?? toolExtras.strength ?? 1) * length) / nominal;
   return split(found.map((weight) => factor * weight), lows);
 }

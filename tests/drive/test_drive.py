@@ -13,14 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kit.fields import TURNS as FIELD_TURNS
-from kit.layout_1 import CURVE, DUE, SHORTENINGS
 from kit.limb import RADIUS, limb_asset, tool
 from kit.prepared import Prepared, prepare
 from wrinklecli.choices import EFFECTS
 from wrinklecli.drive.angle import Angles, JointAngle
 from wrinklecli.drive.drive import Drive, StoredDrive, stored_drives
-from wrinklecli.drive.segment import Lengths, Segment
-from wrinklecli.drive.table import Path, Table, read_table
+from wrinklecli.drive.segment import Segment
+from wrinklecli.drive.table import Path, Table
 from wrinklecli.numeric.arrays import Floats
 
 TIMES = np.linspace(0.0, 2.0, 41)
@@ -94,34 +93,16 @@ def test_a_table_by_shortening_is_read_as_it_was_written(signal: int, rows: Any,
 
 
 @pytest.mark.parametrize("signal", [3, 4])
-def test_weights_grow_with_the_rest_length_from_layout_2_on(signal: int) -> None:
+def test_weights_grow_with_the_rest_length(signal: int) -> None:
     prepared = limb(signal)
     rig, clip = prepared.rig, prepared.clip
     table = Table("shortenings", np.array([0.0, 0.9]), np.array([[0.1], [1.0]]))
     drive = Drive("crease", prepared.patch.segment, ("a",), table)
-    nodes = {name: number for number, name in enumerate(rig.names)}
-    data = drive.to_json(rig.names, rig.morph_names)
-    first, second = (
-        StoredDrive.read(data, layout).on(nodes, rig.morph_names).weights_in(rig, clip)(TIMES) for layout in (1, 2)
-    )
+    lengths = prepared.patch.segment.lengths(rig, clip, TIMES)
+    rows = np.interp(lengths.rows, table.rows, table.table[:, 0])
     factors = prepared.patch.segment.rest_length.at(rig, clip, TIMES) / prepared.patch.segment.rest_length.constant
     assert np.ptp(factors) > 0.1
-    assert second == pytest.approx(factors[:, None] * first)
-
-
-@pytest.mark.parametrize("length", DUE)
-@pytest.mark.parametrize("positive", [False, True])
-def test_a_curve_of_layout_1_has_the_weights_that_1_0_0_gave(length: float, positive: bool) -> None:
-    curve = read_table({"curve": {**CURVE, **({"positive": True} if positive else {})}}, 2, 1)
-    again = read_table(json.loads(json.dumps(curve.to_json())), 2, 1)
-    lengths, wanted = np.full(len(SHORTENINGS), length), np.array(DUE[length])
-    for each in (curve, again):
-        found = each.weights(Lengths((1.0 - np.array(SHORTENINGS)) * lengths, lengths, 1.0))
-        assert found == pytest.approx(np.maximum(wanted, 0.0) if positive else wanted, abs=2e-4)
-    assert not curve.weights(Lengths(np.array([np.inf]), np.array([length]), length)).any()
-    without_limit = {key: value for key, value in CURVE.items() if key not in ("distances", "capacities")}
-    one = Lengths(np.array([0.5 * length]), np.array([length]), length)
-    assert (read_table({"curve": without_limit}, 2, 1).weights(one)[0] > 1.5 * curve.weights(one)[0])[0]
+    assert drive.weights_in(rig, clip)(TIMES)[:, 0] == pytest.approx(factors * rows)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda each: np.linalg.norm(each) > 0.1), WEIGHTS)
@@ -201,7 +182,6 @@ KINDS: Mapping[str, Mapping[str, Any]] = {
     "shortening": {**SEGMENT, **ROWS, "strengths": {"nan": 0.5}, "strength": 0.5, "lag": SPRING},
     "keyed": {**SEGMENT, **ROWS, "rest_length_keys": KEYED},
     "morph": {**SEGMENT, **ROWS, "rest_length_morph": {"name": "nan", "full": 1.2}},
-    "layout 1": {**SEGMENT, "curve": CURVE, "targets": ["nan", "inf"]},
     "activation": {**SEGMENT, **ROWS, "gains": [0.0, 1.0], "tension": {"length": 0.1, "morph": "nan"}},
     "keyed activation": {**SEGMENT, **ROWS, "lows": [0.0], "tension": {"length": 0.1, "keys": KEYED}},
     "turn": {**JOINT, **TURNS},

@@ -120,7 +120,6 @@ def changed(**keys: Any) -> Any:
         changed(joint="elsewhere"),
         changed(paths=[{"turns": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], "weights": TURNS[0]["weights"][:2]}]),
         changed(gains=[0.0, 0.1, 0.2, 0.3]),
-        changed(curve={}),
         changed(angles=None, shortenings=[0.0, 0.2, 0.5, 0.8]),
         {**FIELD, "turns": [{key: value for key, value in TURNS[0].items() if key != "angles"}]},
     ],

@@ -20,7 +20,6 @@ from kit.bakes import bake_config, bake_once, place
 from kit.fields import bake_field, sleeve_with_turns
 from kit.flesh import body, region
 from kit.folds import FOLDS
-from kit.layout_1 import baked_in_layout_1
 from kit.limb import RADIUS, limb_asset, nose, tool
 from kit.muscles import arm, muscle
 from kit.places import FOLDER
@@ -273,7 +272,6 @@ CASES: dict[str, Case] = {
         lambda: _brow(rest_length=_KEYED, strategy="both_ends", bumps=4),
         {"raise_brows": (8, False), "think": (4, False)},
     ),
-    "layout_1": Case("a curve, and weights that do not grow", baked_in_layout_1, {"think": (8, False)}),
     "fold": Case("contact with paths by two turns", _fold_by_two_turns, {"bend": (12, False)}),
     "fold_of_one_clip": Case(
         "contact with paths, in a clip that was never baked, about an axis that leans",

@@ -294,7 +294,8 @@ def test_the_driver_says_what_it_does_not_find(tmp_path: Path) -> None:
         'wrinkle: limb: there is no part "limb_part2"'
     ]
     assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=3)) == [
-        "wrinkle: limb: its extras have layout 3, and this driver reads up to 2; take a newer driver"
+        "wrinkle: limb: its extras have layout 3, and this driver reads 2: "
+        "bake its source again, or take its version's driver"
     ]
     assert said(lambda gltf: gltf["nodes"][0].pop("extras")) == [
         "wrinkle: nothing to drive: no object has extras.wrinkle and morph targets"

@@ -120,15 +120,15 @@ def read_bodies(document: Document) -> list[BakedBody]:
         if not node.get("name"):
             raise AssetError("tracks find their mesh by the node's name, and it has none", where=where)
         try:
-            layout = entry.get("layout", 1)
-            if layout not in range(1, LAYOUT + 1):
-                raise AssetError(
-                    f"has the layout {layout!r} of a newer `wrinkle`, and this one reads up to {LAYOUT}", where=where
-                )
-            parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
             stored = stored_drives(entry)
+            layout = entry.get("layout", 1)
+            if layout != LAYOUT:
+                newer = f"a newer `wrinkle`, and this one reads layout {LAYOUT}"
+                whose = "an older `wrinkle`: bake it again from its source" if layout == 1 else newer
+                raise AssetError(f"has the layout {layout!r} of {whose}", where=where)
+            parts = tuple(_read_part(document, each) for each in (index, *part_nodes(document, index)))
             stored.sort(key=lambda each: "joint" in each)
-            drives = tuple(StoredDrive.read(each, layout) for each in stored if each["targets"])
+            drives = tuple(StoredDrive.read(each) for each in stored if each["targets"])
             undriven = frozenset(str(name) for name in entry.get("undriven", ()))
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise AssetError("is not what `wrinkle bake` writes", where=where) from error

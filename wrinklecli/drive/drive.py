@@ -32,7 +32,6 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
-- In layout 1 weights do not grow with the rest length; tools whose rest length changes have a `curve`: see `Curve`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -59,7 +58,7 @@ from wrinklecli.drive.stored import (
     stored,
     strengths_json,
 )
-from wrinklecli.drive.table import BaseDrive, BellyTable, Response, Table, Weights, read_table, split
+from wrinklecli.drive.table import BaseDrive, BellyTable, Table, Weights, read_table, split
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.tools.records import Lag
@@ -70,7 +69,7 @@ if TYPE_CHECKING:
     from wrinklecli.drive.turned import TurnDrive
 
 LAYOUT = 2
-"""The version of these keys, which extras without the key `layout` have in version 1."""
+"""The version of these keys, 1 in extras without the key `layout`; no other version is read."""
 
 _Reading = TypeVar("_Reading", covariant=True)
 
@@ -141,7 +140,7 @@ class Drive(BaseDrive):
     name: str
     signal: Segment | JointAngle | None
     targets: tuple[str, ...]
-    response: Response
+    response: Table | BellyTable
     rows: Mapping[str, Rows] = field(default_factory=dict)
     heights: Mapping[str, Rows] = field(default_factory=dict)
     lag: Lag | None = None
@@ -200,7 +199,6 @@ class Drive(BaseDrive):
 
     def of_targets(self, kept: Bools) -> "Drive":
         """The drive of some of its (targets,) alone; further ones of `lows` stay with those whose place they take."""
-        assert isinstance(self.response, Table | BellyTable)
         highs = kept[: len(kept) if self.lows is None else len(self.lows)]
         return replace(
             self,
@@ -262,7 +260,6 @@ class StoredDrive:
         targets: Names of its morph targets.
         keyed: Names of the clips that key its rest length or its tension.
         data: The whole drive as stored.
-        layout: The version of its keys.
     """
 
     name: str
@@ -270,7 +267,6 @@ class StoredDrive:
     targets: tuple[str, ...]
     keyed: frozenset[str]
     data: Json
-    layout: int
 
     @property
     def measures_segment(self) -> bool:
@@ -290,8 +286,8 @@ class StoredDrive:
         return frozenset(name for anchor in anchors_of(self.data) for name in anchor.get("morphs", {}))
 
     @classmethod
-    def read(cls, data: Json, layout: int = LAYOUT) -> "StoredDrive":
-        """Read and check a drive in extras of a layout.
+    def read(cls, data: Json) -> "StoredDrive":
+        """Read and check a drive in extras.
 
         Raises:
             KeyError, TypeError, ValueError: The extras are not what `bake` writes.
@@ -305,7 +301,7 @@ class StoredDrive:
             joints = [joint for point in points for joint in point["joints"]]
         names = tuple(dict.fromkeys(str(joint) for joint in joints))
         targets = tuple(str(name) for name in data["targets"])
-        drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data, layout)
+        drive = cls(str(data.get("name", names[0])), names, targets, _keyed(data), data)
         drive.on({name: number for number, name in enumerate(names)}, sorted(drive.carrying_targets))
         return drive
 
@@ -327,7 +323,7 @@ class StoredDrive:
             return read_turned(data, nodes)
         joint = "joint" in data
         lows = read_numbers(data["lows"], -1) if "lows" in data else None
-        response = read_table(data, len(self.targets) if lows is None else len(lows), self.layout)
+        response = read_table(data, len(self.targets) if lows is None else len(lows))
         if lows is not None and (not (lows >= 0).all() or len(lows) + np.count_nonzero(lows) != len(self.targets)):
             raise ValueError
         strengths, strength = read_strengths(data)

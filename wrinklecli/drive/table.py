@@ -14,7 +14,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles
 from wrinklecli.drive.segment import Lengths
-from wrinklecli.drive.stored import Json, read_number, read_numbers, stored
+from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats, interpolated
 from wrinklecli.numeric.piecewise import Signal
@@ -37,8 +37,6 @@ _NEAR = 0.0872
 _SAME = 1e-10
 # The key of rows of clips, by the numbers of a turn: those of one joint, or of two, which players of one must not read.
 _PATHS = {3: "paths", 6: "paths_with_other"}
-# Most control intervals: 64 bumps with gaps of 64, the most of a tools file, have 4,160.
-_MOST_INTERVALS = 10_000
 
 
 class Reading(Protocol):
@@ -105,13 +103,6 @@ class BaseDrive(ABC):
         return None
 
 
-class Response(Weights, Protocol):
-    """Such a function that extras can hold."""
-
-    def to_json(self) -> Json:
-        """The rows as extras store them."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
     """Weights along the turns of a joint in a clip, linear between rows.
@@ -154,20 +145,18 @@ class Table:
         by: The kind of number: 1 - distance / rest length, or an angle in radians.
         rows: (rows,) numbers, sorted.
         table: (rows, targets) weights, linear between rows, constant beyond.
-        grows: True if weights grow with the rest length; False in layout 1.
         paths: Weights in clips by a joint's whole turn; these count the more, the nearer a turn is to one there.
     """
 
     by: Literal["shortenings", "angles"]
     rows: Floats
     table: Floats
-    grows: bool = True
     paths: tuple[Path, ...] = ()
 
     def weights(self, reading: Reading) -> Floats:
         """(frames, targets) weights at the measurements of a signal."""
-        factors, whole = reading.factors if self.grows else 1.0, np.ones(len(reading.rows))
-        found: Floats = (interpolated(reading.rows, self.rows, self.table).T * factors).T
+        found: Floats = (interpolated(reading.rows, self.rows, self.table).T * reading.factors).T
+        whole = np.ones(len(reading.rows))
         for path in self.paths:
             assert isinstance(reading, Angles)
             shares, there = path.near(reading.turns)
@@ -234,58 +223,12 @@ def split(weights: Floats, lows: Floats | None) -> Floats:
     return np.concatenate([np.where(lows > 0, np.maximum(weights, 0.0), weights), below], axis=1)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """The control curve that layout 1 has where the rest length changes. It is read and never written.
-
-    Differs from a table of a later layout: the height at which a bump is full does not grow with the rest length.
-
-    Attributes:
-        data: As stored, with all numbers that may be absent.
-        bumps: Bumps of each group, in the order in which groups rise; a bump counts as much as it is wide.
-        limits: (2, rows) distances of the curve's ends, sorted, and the shortening that one bump takes there when full,
-            scene units; None without a limit.
-        parts: (rows,) from 0 to 1: a bump's shortening / (its chord + its shortening).
-        rises: (rows, modes) amplitudes / (chord + shortening) / the root of the part.
-        mix: (targets, groups · modes) weights for amplitudes of 1 scene unit.
-    """
-
-    data: Json
-    bumps: Floats
-    limits: Floats | None
-    parts: Floats
-    rises: Floats
-    mix: Floats
-
-    def weights(self, reading: Lengths) -> Floats:
-        """(frames, targets) weights at the measurements of a segment."""
-        taut = self.data["taut"] * reading.rest_lengths
-        ends = taut - (1.0 - self.data["compressible"]) * np.where(reading.active, taut - reading.distances, 0.0)
-        chords, remaining = 2.0 * ends / self.data["intervals"], np.maximum(taut - ends, 0.0)
-        full = np.inf if self.limits is None else np.interp(ends, *self.limits)
-        amplitudes = []
-        for size in self.bumps:
-            taken = np.minimum(remaining / size, full)
-            remaining = np.maximum(remaining - size * taken, 0.0)
-            wholes = chords + taken
-            shares = taken / np.where(wholes > 0, wholes, 1.0)
-            amplitudes += [wholes * np.sqrt(shares) * np.interp(shares, self.parts, rise) for rise in self.rises.T]
-        made = np.stack(amplitudes, axis=1) @ self.mix.T
-        return np.where((made if self.data["positive"] else np.abs(made)) > self.data["least"], made, 0.0)
-
-    def to_json(self) -> Json:
-        """The curve as extras have it."""
-        return {"curve": self.data}
-
-
-def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Curve:
-    """Read the table of so many targets in extras of a layout.
+def read_table(data: Json, targets: int) -> Table | BellyTable:
+    """Read the table of so many targets in extras.
 
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
-    if "curve" in data and "tension" not in data:
-        return _read_curve(data["curve"], targets)
     by: Literal["shortenings", "angles"] = "angles" if "angles" in data else "shortenings"
     rows = _sorted_rows(data[by])
     if "gains" in data:
@@ -297,7 +240,7 @@ def read_table(data: Json, targets: int, layout: int) -> Table | BellyTable | Cu
     paths = tuple(_read_path(each, numbers, targets) for each in data.get(_PATHS[numbers], ()))
     if paths and by != "angles":
         raise ValueError
-    return Table(by, rows, _read_weights(data, len(rows), targets), layout > 1, paths)
+    return Table(by, rows, _read_weights(data, len(rows), targets), paths)
 
 
 def _read_path(data: Json, numbers: int, targets: int) -> Path:
@@ -310,22 +253,6 @@ def _read_path(data: Json, numbers: int, targets: int) -> Path:
 def _read_weights(data: Json, rows: int, targets: int) -> Floats:
     """(rows, targets) weights of a table."""
     return read_numbers(data["weights"], rows, targets)
-
-
-def _read_curve(data: Json, targets: int) -> Curve:
-    values = {
-        key: read_number(data.get(key, 0.0)) for key in ("taut", "compressible", "intervals", "positive", "least")
-    }
-    bumps, parts = read_numbers(data["bumps"], -1), _sorted_rows(data["parts"])
-    rises = read_numbers(data["rises"], len(parts), -1)
-    mix = read_numbers(data["mix"], targets, len(bumps) * rises.shape[1])
-    if not 1 <= values["intervals"] <= _MOST_INTERVALS or not (bumps > 0).all() or bumps.max() > _MOST_INTERVALS:
-        raise ValueError
-    limits = None
-    if "distances" in data:
-        at = _sorted_rows(data["distances"])
-        limits = np.stack([at, read_numbers(data["capacities"], len(at))])
-    return Curve({**data, **values}, bumps, limits, parts, rises, mix)
 
 
 def _sorted_rows(values: object) -> Floats:

@@ -103,7 +103,7 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
     """
     turns = []
     for each in data["turns"]:
-        table = read_table(each, len(each["weights"][0]), 2)
+        table = read_table(each, len(each["weights"][0]))
         if not isinstance(table, Table) or table.by != "angles" or table.paths:
             raise ValueError
         turns.append((read_angle(each, nodes), table))

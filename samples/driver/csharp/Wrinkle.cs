@@ -52,14 +52,14 @@ namespace Wrinkles
         public Body(Json wrinkle, Func<string, bool> hasJoint = null, Func<string, bool> hasTarget = null)
         {
             var layout = Read.Number(wrinkle, "layout", 1);
-            if (layout > Layout)
-                Problems.Add($"its extras have layout {layout}, and this driver reads up to {Layout}; take a newer driver");
-            foreach (var kind in layout > Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "fields", "folds" })
+            if (layout != Layout)
+                Problems.Add($"its extras have layout {layout}, and this driver reads {Layout}: bake its source again, or take its version's driver");
+            foreach (var kind in layout != Layout ? new string[0] : new[] { "muscles", "flesh", "touches", "tools", "fields", "folds" })
                 foreach (var data in Read.List(wrinkle, kind).Cast<Json>())
                 {
                     // A fold that no joint bends is driven as a tool.
                     var drive = kind == "flesh" ? new Flesh(data) : kind == "touches" ? new Touch(data) : kind == "fields" ? new Field(data)
-                        : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data, layout > 1);
+                        : kind == "folds" && data.ContainsKey("joint") ? new Fold(data) : (Drive)new Segment(data);
                     var absent = drive.Joints.Where(name => hasJoint != null && !hasJoint(name)).Distinct().ToList();
                     var lost = drive.Targets.Where(name => hasTarget != null && !hasTarget(name)).ToList();
                     if (absent.Count > 0) Problems.Add($"{drive.Name} is left out, as there is no joint {Quoted(absent)}");
@@ -271,17 +271,13 @@ namespace Wrinkles
         readonly string restMorph, tensionMorph;
         readonly Dictionary<string, Rows> restKeys, tensionKeys = new Dictionary<string, Rows>();
         readonly Spring lag;
-        readonly bool grows;
-        readonly Curve curve;
         readonly Rows table, gains;
         // Of the spring: its place and speed, and the shortening at the last frame.
         double[] state;
         double before;
 
-        /// <param name="grows">Whether weights grow with the rest length: from layout 2 on.</param>
-        public Segment(Json data, bool grows) : base(data)
+        public Segment(Json data) : base(data)
         {
-            this.grows = grows;
             var points = data.ContainsKey("anchors") ? Read.List(data["anchors"]) : new[] { data["origin"], data["target"] };
             anchors = points.Select(point => new Anchor(point)).ToArray();
             rest = Read.Number(data["rest_length"]);
@@ -294,8 +290,7 @@ namespace Wrinkles
                 tensionMorph = ((Json)drawn).TryGetValue("morph", out var name) ? (string)name : null;
             }
             if (data.TryGetValue("lag", out var spring)) (lag, taut) = (new Spring(spring), Read.Number(((Json)spring)["taut"]));
-            if (data.TryGetValue("curve", out var shape)) curve = new Curve((Json)shape);
-            else table = new Rows(data["shortenings"], data["weights"]);
+            table = new Rows(data["shortenings"], data["weights"]);
             if (data.ContainsKey("gains")) gains = new Rows(data["shortenings"], data["gains"]);
         }
 
@@ -327,9 +322,8 @@ namespace Wrinkles
                 var x = Math.Min(Lagged(taut - belly / length, frame.Elapsed), taut);
                 belly = x > 0 ? (taut - x) * length : Math.Max(belly, taut * length);
             }
-            if (curve != null) return curve.Weights(belly, length);
             // A belly that travels has its place by the ends, whatever activation takes.
-            var factor = gains != null ? gains.At(1 - belly / length)[0] : grows ? length / rest : 1;
+            var factor = gains != null ? gains.At(1 - belly / length)[0] : length / rest;
             return table.At(1 - (gains != null ? ends : belly) / length).Select(weight => factor * weight).ToArray();
         }
 
@@ -355,43 +349,6 @@ namespace Wrinkles
             }
             before = now;
             return state[0];
-        }
-    }
-
-    /// <summary>Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more.</summary>
-    sealed class Curve
-    {
-        readonly double taut, compressible, intervals, least;
-        readonly double[] bumps;
-        readonly Rows capacities, rises;
-        readonly double[][] mix;
-        readonly bool positive;
-
-        public Curve(Json data)
-        {
-            (taut, compressible) = (Read.Number(data["taut"]), Read.Number(data, "compressible", 0));
-            (intervals, least, bumps) = (Read.Number(data["intervals"]), Read.Number(data, "least", 0), Read.Numbers(data["bumps"]));
-            capacities = data.ContainsKey("distances") ? new Rows(data["distances"], data["capacities"]) : null;
-            (rises, mix, positive) = (new Rows(data["parts"], data["rises"]), Read.Rows(data["mix"]), data.ContainsKey("positive"));
-        }
-
-        public double[] Weights(double distance, double length)
-        {
-            var ends = taut * length - (1 - compressible) * (taut * length - distance);
-            var chord = 2 * ends / intervals;
-            var capacity = capacities == null ? double.PositiveInfinity : capacities.At(ends)[0];
-            var left = Math.Max(taut * length - ends, 0);
-            var heights = new List<double>();
-            foreach (var count in bumps)
-            {
-                var share = Math.Min(left / count, capacity);
-                left = Math.Max(left - count * share, 0);
-                var part = chord + share > 0 ? share / (chord + share) : 0;
-                heights.AddRange(rises.At(part).Select(rise => (chord + share) * Math.Sqrt(part) * rise));
-            }
-            var amplitudes = heights.ToArray();
-            var sums = mix.Select(row => V.Dot(row, amplitudes));
-            return sums.Select(weight => (positive ? weight : Math.Abs(weight)) > least ? weight : 0).ToArray();
         }
     }
 }

@@ -7,7 +7,7 @@
 
 const Numbers = preload("numbers.gd")
 const Joints = preload("joints.gd")
-# The layout of the extras that this reads, and those before it; extras that name none have layout 1.
+# The layout of the extras that this reads; extras that name none have layout 1.
 const LAYOUT = 2
 # Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
 const LEFT = 0.001
@@ -25,7 +25,6 @@ var others = {}
 var root = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 var _drives = []
 var _found = {}
-var _layout = 1
 # Of this frame, for the drives: what `weights` gets.
 var matrices = {}
 var morphs = {}
@@ -36,9 +35,10 @@ var elapsed = NAN
 
 # `joints` and `targets`, if not null, are arrays or dictionaries of the names that there are.
 func _init(wrinkle, joints = null, targets = null):
-	_layout = wrinkle.get("layout", 1)
-	if _layout > LAYOUT:
-		problems.append("its extras have layout %d, and this driver reads up to %d; take a newer driver" % [_layout, LAYOUT])
+	var layout = wrinkle.get("layout", 1)
+	if layout != LAYOUT:
+		var line = "its extras have layout %d, and this driver reads %d: bake its source again, or take its version's driver"
+		problems.append(line % [layout, LAYOUT])
 		return
 	for kind in KINDS:
 		for drive in wrinkle.get(kind, []):
@@ -200,12 +200,9 @@ func _segment(data, state):
 	if lag != null:
 		var x = Numbers.smaller(_lagged(state, lag, lag["taut"] - belly / length), lag["taut"])
 		belly = (lag["taut"] - x) * length if x > 0 else Numbers.larger(belly, lag["taut"] * length)
-	if data.has("curve"):
-		return _followed(data["curve"], belly, length)
 	var rows = data["shortenings"]
 	if not data.has("gains"):
-		var factor = length / data["rest_length"] if _layout > 1 else 1.0
-		return Numbers.times(factor, Numbers.row(rows, data["weights"], 1.0 - belly / length))
+		return Numbers.times(length / data["rest_length"], Numbers.row(rows, data["weights"], 1.0 - belly / length))
 	var gain = Numbers.number(rows, data["gains"], 1.0 - belly / length)
 	return Numbers.times(gain, Numbers.row(rows, data["weights"], 1.0 - ends / length))
 
@@ -224,27 +221,6 @@ func _activation(tension):
 	if tension.has("morph"):
 		return Numbers.held(morph(tension["morph"]), 0.0, 1.0)
 	return Numbers.point(tension["keys"][clip], time) if tension["keys"].has(clip) else 0.0
-
-
-# Weights by a `curve`, which layout 1 has where the rest length changes: bumps rise by group, each until it takes no more.
-func _followed(curve, distance, length):
-	var taut = curve["taut"] * length
-	var ends = taut - (1.0 - curve.get("compressible", 0.0)) * (taut - distance)
-	var chord = 2.0 * ends / curve["intervals"]
-	var capacity = Numbers.number(curve["distances"], curve["capacities"], ends) if curve.has("distances") else INF
-	var left = Numbers.larger(taut - ends, 0.0)
-	var heights = []
-	for count in curve["bumps"]:
-		var share = Numbers.smaller(left / count, capacity)
-		left = Numbers.larger(left - count * share, 0.0)
-		var part = share / (chord + share) if chord + share > 0 else 0.0
-		heights += Numbers.times((chord + share) * sqrt(part), Numbers.row(curve["parts"], curve["rises"], part))
-	var found = []
-	for row in curve["mix"]:
-		var weight = Numbers.dot(row, heights)
-		var size = weight if curve.has("positive") else abs(weight)
-		found.append(weight if size > curve.get("least", 0.0) else 0.0)
-	return found
 
 
 # The shortening that tissue follows, which may be below 0; `now` is below 0 where it is stretched.
