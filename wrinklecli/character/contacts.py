@@ -84,7 +84,7 @@ class Neighbours:
         self._boxes: dict[int, Floats] = {}
         self._drawn: dict[int, Ints] = {}
         self.unread: dict[int, str] = {}  # nodes whose mesh cannot be read, and why: they are left out
-        self.bare_skin: list[Any] = []  # a `BareSkin` or None, once it was looked for
+        self.known: dict[str, Any] = {}  # what is found once for all meshes of the file
 
     def near(self, node: int, low: Floats, high: Floats) -> Iterator[tuple[int, Floats]]:
         """The nodes that are drawn with a node, and (seen, 3) world positions of meshes that may reach into a box.

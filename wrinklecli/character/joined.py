@@ -1,6 +1,7 @@
 """Adds clips to a document in memory, behind its own animations."""
 
 from collections.abc import Collection, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.edited_document import EditedDocument
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, affine_rows, determinants
+from wrinklecli.numeric.memory import once
 
 # Greatest difference, relative to a matrix's largest number, between it and the product of its decomposition.
 _SHEARED = 1e-6
@@ -31,16 +33,13 @@ def _animation(edited: EditedDocument, clip: Clip) -> Json:
     inputs: dict[bytes, int] = {}
     for channel in clip.channels:
         times = channel.times.astype(np.float32)
-        if times.tobytes() not in inputs:
-            inputs[times.tobytes()] = edited.add(times, bounds=True)
+        keys = once(inputs, times.tobytes(), partial(edited.add, times, bounds=True))
         if channel.fault is not None:
             raise channel.fault
         # Each weight is a separate element.
         width = (-1,) if channel.path == "weights" else (-1, channel.values.shape[-1])
         values = edited.add(channel.values.astype(np.float32).reshape(width))
-        samplers.append(
-            {"input": inputs[times.tobytes()], "interpolation": channel.interpolation, "output": values},
-        )
+        samplers.append({"input": keys, "interpolation": channel.interpolation, "output": values})
     channels = [
         {"sampler": number, "target": {"node": each.node, "path": each.path}}
         for number, each in enumerate(clip.channels)

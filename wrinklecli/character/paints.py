@@ -1,6 +1,7 @@
 """Read the base colours of a surface from materials, vertices and textures, and look textures up between pixels."""
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,7 @@ from wrinklecli.gltf.images import read_image
 from wrinklecli.gltf.pixels import Bytes, linear_rgb, read_alpha, read_pixels
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints
+from wrinklecli.numeric.memory import once
 
 Colour = tuple[float, float, float]
 
@@ -80,12 +82,8 @@ def read_paints(document: Document, primitives: Sequence[ScenePrimitive]) -> tup
             if info:
                 coordinates = texture_coordinates(document, primitive, info, count)
                 key = repr(info)
-                if key not in textures:
-                    textures[key] = read_texture(document, info)
-                texture = textures[key]
-                if cutoff > 0 and key not in masks:
-                    masks[key] = _mask(document, info)
-                mask = masks.get(key)
+                texture = once(textures, key, partial(read_texture, document, info))
+                mask = once(masks, key, partial(_mask, document, info)) if cutoff > 0 else None
         except (AssetError, TooMuchError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # Without a texture a picture still shows the wrinkles.
             warnings.append(f"{source.where}: drawn without its texture: {error}")

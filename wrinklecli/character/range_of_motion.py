@@ -347,10 +347,8 @@ def _morph_targets(
 ) -> dict[str, list[tuple[Rig, list[int]]]]:
     """Find, by name, the rigs with morph targets that move something, and the indices of these targets."""
     found: dict[str, list[tuple[Rig, list[int]]]] = {}
-    moving: dict[int, set[int]] = {}
+    moving = {mesh: set(_moving_targets(document, mesh)) for mesh in {rig.mesh for rig in rigs}}
     for rig in rigs:
-        if rig.mesh not in moving:
-            moving[rig.mesh] = set(_moving_targets(document, rig.mesh))
         numbers: dict[str, list[int]] = {}
         for number, name in enumerate(rig.morph_names):
             numbers.setdefault(name, []).append(number)

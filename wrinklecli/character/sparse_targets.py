@@ -4,7 +4,7 @@ Source: glTF 2.0 §3.7.2.2 (morph targets), §3.6.2.3 (sparse accessors).
 """
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from wrinklecli.errors import AssetError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
-from wrinklecli.numeric.arrays import Floats, Ints
+from wrinklecli.numeric.arrays import Array, Floats, Ints
+from wrinklecli.numeric.memory import once
 
 # Most targets that are added up by one product, zeros and all; more are if they move at least this part of all
 # vertices each, in the mean: otherwise zeros would take too much memory.
@@ -48,7 +49,7 @@ def read_sparse_deltas(
     Raises:
         AssetError: An accessor is malformed, has numbers that are not finite, or more elements than there are vertices.
     """
-    read: dict[int, SparseDeltas] = {}
+    read: dict[int, tuple[Ints, Array]] = {}
     found = []
     for number in range(first, len(primitives[0].get("targets", []))):
         parts = []
@@ -56,9 +57,7 @@ def read_sparse_deltas(
             accessor = primitive["targets"][number].get(name)
             if accessor is None:
                 continue
-            if accessor not in read:
-                read[accessor] = SparseDeltas(*document.changes(accessor))
-            each = read[accessor]
+            each = SparseDeltas(*once(read, accessor, partial(document.changes, accessor)))
             fits = each.deltas.shape[1:] == (3,) and each.vertices.max(initial=-1) < end - start
             if not fits or not in_range(each.deltas):
                 message = f"accessor {accessor} must hold 3 finite numbers up to {LARGEST:g} for {end - start} vertices"

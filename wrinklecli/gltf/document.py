@@ -10,7 +10,7 @@ import os
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from wrinklecli.gltf.new_data import aligned
 from wrinklecli.gltf.references import draco_primitives, is_placeholder, view_parts
 from wrinklecli.gltf.shape import DRACO, Json, check_asset, parse_json, place
 from wrinklecli.numeric.arrays import Array, Ints, nonzero_rows
-from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory, shown_bytes
+from wrinklecli.numeric.memory import MAX_MEMORY, Memory, json_memory, once, shown_bytes
 
 if TYPE_CHECKING:
     from wrinklecli.gltf.draco import DracoMesh
@@ -180,9 +180,7 @@ class Document:
         if uri.startswith("data:"):
             return read_data_uri(uri, where, memory=self.memory), None
         file = local_file(uri, self.path, where, allow_external=self.allow_external)
-        if file not in self._read:
-            self._read[file] = read_file(file, memory=self.memory, where=where)
-        return self._read[file], file
+        return once(self._read, file, partial(read_file, file, memory=self.memory, where=where)), file
 
     @cached_property
     def _read(self) -> dict[str, memoryview]:

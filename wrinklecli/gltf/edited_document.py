@@ -7,6 +7,7 @@ import copy
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from wrinklecli.gltf.references import (
 )
 from wrinklecli.gltf.shape import DRACO, Json
 from wrinklecli.numeric.arrays import Array, nonzero_rows
+from wrinklecli.numeric.memory import once
 
 # Targets of buffer views (§5.11.5).
 VERTEX_DATA = 34962
@@ -154,13 +156,11 @@ class EditedDocument:
         """The `sparse` of an accessor, with `byteOffset` 0, optional in glTF 2.0 §5.3.2, since VTK insists on it."""
         index_dtype = _index_dtype(vertices)
         indices = vertices.astype(index_dtype).tobytes()
-        # POSITION and NORMAL of a target often change at the same vertices.
-        if indices not in self._index_views:
-            self._index_views[indices] = self._add_view(indices)
         return {
             "count": len(vertices),
             "indices": {
-                "bufferView": self._index_views[indices],
+                # POSITION and NORMAL of a target often change at the same vertices.
+                "bufferView": once(self._index_views, indices, partial(self._add_view, indices)),
                 "byteOffset": 0,
                 "componentType": COMPONENT_TYPES[index_dtype],
             },

@@ -14,6 +14,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.files import read_file
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Array, Floats, Ints, bilinear, children, distinct_values
+from wrinklecli.numeric.memory import once
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 from wrinklecli.tools.body import Flesh, Touch
@@ -191,7 +192,8 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
     except OSError as error:
         raise BakeError(f"{mask.image!r} cannot be read: {error.strerror}", where=where) from error
     key = (path, mask.channel, found.st_mtime_ns, found.st_size)
-    if key not in ground.known:
+
+    def make() -> Floats:
         from wrinklecli.gltf.pixels import read_channel  # few masks are images
 
         data = read_file(path, memory=document.memory, where=where)
@@ -203,6 +205,6 @@ def _image(mask: MaskImage, ground: Ground, where: str) -> Array:
         except ValueError as error:
             raise BakeError(f"{mask.image!r} {error}", where=where) from error
         document.memory.claim(_PIXEL_BYTES * values.size, f"an image of {values.size} pixels", where=where)
-        ground.known[key] = values
-    known: Array = ground.known[key]
-    return known
+        return values
+
+    return once(ground.known, key, make)

@@ -527,7 +527,7 @@ def makeup_of(ground: Ground, gauge: Gauge) -> Makeup:
     """The hints about the triangles of a gauge of the mesh, with the bare skin that all meshes of the file show."""
     document, rig, animal = ground.document, gauge.rig, is_animal(gauge.rig)
     makeup = read_makeup(document, rig, gauge, pictures=ground.pictures)
-    bare = None if animal else _bare_skin_beside(ground)
+    bare = None if animal else once(ground.neighbours.known, "bare skin", lambda: _bare_skin_beside(ground))
     hands = np.array([part in _SHOWING[0] for part in ground.neighbours.parts])[rig.joints][gauge.surface.heaviest]
     unshod = among(gauge.pieces, distinct_values(gauge.pieces[hands[gauge.triangles].all(axis=1)])) & (
         gauge.pieces >= 0
@@ -537,22 +537,16 @@ def makeup_of(ground: Ground, gauge: Gauge) -> Makeup:
 
 def _bare_skin_beside(ground: Ground) -> BareSkin | None:
     """The `find_bare_skin` of all meshes of the file: a coat may show no hand, and be as brown as one."""
-    document, known = ground.document, ground.neighbours.bare_skin
-    if not known:
-        shown = {
-            each["mesh"]: node for node, each in enumerate(document.items("nodes")) if {"mesh", "skin"} <= set(each)
-        }
-        meshes = []
-        for node in shown.values():
-            try:
-                other = read_ground(document, node, [], ToolsFile(path=document.path), ())
-            except AssetError:
-                continue
-            gauge = read_gauge(other.surface, other.rest, other.rig)
-            meshes.append((gauge, read_makeup(document, other.rig, gauge, pictures=ground.pictures)))
-        known.append(find_bare_skin(meshes, ground.neighbours.parts))
-    found: BareSkin | None = known[0]
-    return found
+    document, meshes = ground.document, []
+    shown = {each["mesh"]: node for node, each in enumerate(document.items("nodes")) if {"mesh", "skin"} <= set(each)}
+    for node in shown.values():
+        try:
+            other = read_ground(document, node, [], ToolsFile(path=document.path), ())
+        except AssetError:
+            continue
+        gauge = read_gauge(other.surface, other.rest, other.rig)
+        meshes.append((gauge, read_makeup(document, other.rig, gauge, pictures=ground.pictures)))
+    return find_bare_skin(meshes, ground.neighbours.parts)
 
 
 def is_animal(rig: Rig) -> bool:

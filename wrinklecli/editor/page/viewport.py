@@ -26,6 +26,7 @@ from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.pixels import linear_rgb
 from wrinklecli.numeric.arrays import Floats
 from wrinklecli.numeric.closest import closest_point
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.rays import distances_along
 from wrinklecli.review.preview.camera import Camera
 from wrinklecli.review.preview.heat import HEAT, HEAT_TICKS, heat_colours, point_colours
@@ -268,9 +269,7 @@ class Viewport:
         """(points, 3) colours of a mesh by its greatest compression; those of none until it is measured."""
         if found is None:
             return linear_rgb(heat_colours(np.zeros(len(mesh.rest_positions))))
-        if mesh not in self._sought:
-            self._sought[mesh] = linear_rgb(heat_colours(found.at(mesh.rest_positions)[0]))
-        return self._sought[mesh]
+        return once(self._sought, mesh, lambda: linear_rgb(heat_colours(found.at(mesh.rest_positions)[0])))
 
     def _show_tools(self) -> None:
         outlines = []

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import field, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +19,7 @@ from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, components, determinants, inverses, smoothstep
 from wrinklecli.numeric.closest import Tree, nearest_of
 from wrinklecli.numeric.edges import numbered_edges
+from wrinklecli.numeric.memory import once
 from wrinklecli.numeric.spring import Spring
 from wrinklecli.surface.anchor import check_size, foot_of
 from wrinklecli.surface.ground import Ground, read_ground
@@ -146,11 +148,9 @@ def attach_flesh(tools: Sequence[Flesh], ground: Ground, settings: ToolsFile) ->
     def attach(tool: Flesh) -> AttachedFlesh:
         if tool.carrier is None:
             return _attach(tool, ground, settings)
-        if tool.carrier not in carriers:
-            carriers[tool.carrier] = read_ground(
-                ground.document, tool.carrier, [tool], settings, ground.clips, neighbours=ground.neighbours
-            )
-        return _attach_over(tool, carriers[tool.carrier], ground, settings)
+        own = (ground.document, tool.carrier, [tool], settings, ground.clips)
+        carrier = once(carriers, tool.carrier, partial(read_ground, *own, neighbours=ground.neighbours))
+        return _attach_over(tool, carrier, ground, settings)
 
     return BakeError.every(attach, tools)
 
