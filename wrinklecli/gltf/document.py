@@ -90,6 +90,11 @@ class Document:
     allow_external: bool = False
     resources: dict[str, memoryview] | None = None
     memory: Memory = field(default_factory=Memory, compare=False)
+    # What was read so far: accessors, views, streams of Draco by their views, and files by their paths.
+    _decoded: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _decompressed: dict[int, memoryview] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _draco_meshes: "dict[int, DracoMesh]" = field(default_factory=dict, init=False, repr=False, compare=False)
+    _read: dict[str, memoryview] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def extended(self, gltf: Json, buffers: Sequence[memoryview], files: Iterable[str] = ()) -> "Document":
         """Add content, read from further `files` or made, to the document; decoded data is kept.
@@ -147,10 +152,6 @@ class Document:
             self._decoded[index] = values
         return self._decoded[index][rows]
 
-    @cached_property
-    def _decoded(self) -> dict[int, Array]:
-        return {}
-
     def claim_unstored(self, size: int, what: str, *, where: str) -> None:
         """Claim bytes for data that the file does not store byte by byte, if the file is large enough for so many.
 
@@ -181,11 +182,6 @@ class Document:
             return read_data_uri(uri, where, memory=self.memory), None
         file = local_file(uri, self.path, where, allow_external=self.allow_external)
         return once(self._read, file, partial(read_file, file, memory=self.memory, where=where)), file
-
-    @cached_property
-    def _read(self) -> dict[str, memoryview]:
-        """Contents of files by their paths."""
-        return {}
 
     def element_count(self, index: int, *, user: str | None = None) -> int:
         """The number of elements of an accessor, to which `user` refers.
@@ -265,14 +261,6 @@ class Document:
             if primitive.get("indices", count) < count:
                 sources.setdefault(primitive["indices"], (extension, None))
         return sources
-
-    @cached_property
-    def _draco_meshes(self) -> "dict[int, DracoMesh]":
-        return {}
-
-    @cached_property
-    def _decompressed(self) -> dict[int, memoryview]:
-        return {}
 
     def _draco_elements(self, index: int, dtype: np.dtype[Any], size: int, where: str) -> Array:
         """(count, size) elements of an accessor of a primitive that Draco compressed."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,7 @@ class Ground:
         rest: Its rest pose.
         clips: Of the asset, whichever are baked.
         neighbours: The meshes of the asset.
+        known: Values that many tools share, by what they were read from: images of masks, substances, poses of fields.
     """
 
     document: Document
@@ -47,6 +48,7 @@ class Ground:
     rest: Rest
     clips: tuple[Clip, ...]
     neighbours: Neighbours
+    known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def contacts(self) -> Contacts:
@@ -64,11 +66,6 @@ class Ground:
             look = json.dumps(_look(self.document, material), sort_keys=True)
             found.append(known.setdefault(look, len(known)))
         return np.array(found, np.intp)
-
-    @cached_property
-    def known(self) -> dict[Hashable, Any]:
-        """Values that many tools share, by what they were read from: images of masks, substances, poses of fields."""
-        return {}
 
     @cached_property
     def pictures(self) -> "Pictures":

@@ -10,7 +10,8 @@ has to be pruned.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from dataclasses import field
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -50,6 +51,7 @@ class Poses:
     rig: Rig
     clips: tuple[Clip, ...]
     memory: Memory
+    _known: dict[bytes, Floats] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def of(self, joints: Ints) -> Floats:
         """(poses, joints, 4, 4) matrices of some joints, bind to world space, in poses in which any of these is moved.
@@ -61,10 +63,6 @@ class Poses:
         """
         # Tools that are tried again and again ask for the same joints.
         return once(self._known, joints.tobytes(), partial(self._matrices, joints), 1)
-
-    @cached_property
-    def _known(self) -> dict[bytes, Floats]:
-        return {}
 
     def _matrices(self, joints: Ints) -> Floats:
         moving = {node for joint in joints.tolist() for node in self.rig.upwards(int(self.rig.joints[joint]))}

@@ -5,7 +5,7 @@ pose may also be the stored pose of the nodes, or a moment of a clip.
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +49,7 @@ class Rest:
     blended: Floats
     positions: Floats
     triangles: Ints
+    _others: dict[Hashable, "Rest"] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def closest_point(self, point: Floats) -> tuple[int, Floats, Floats]:
         """The triangle, (3,) barycentric coordinates and (3,) position nearest to a (3,) point, world space."""
@@ -67,10 +68,6 @@ class Rest:
     def once(self, key: Hashable, make: Callable[[], "Rest"]) -> "Rest":
         """Another pose of the surface, made once for each key as long as there are few: tools of a mesh share them."""
         return once(self._others, key, make, _MOST_OTHERS)
-
-    @cached_property
-    def _others(self) -> dict[Hashable, "Rest"]:
-        return {}
 
     @cached_property
     def normals(self) -> Floats:

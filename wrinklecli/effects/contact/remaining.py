@@ -11,7 +11,7 @@ fold's tools may move. Pairs that cross at rest do not count: they never collide
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -198,6 +198,8 @@ class _Look:
     times: Floats
     moves: "Sequence[Moves]"
     beside: "Sequence[Moves]"
+    # The counts so far, by the frame, the part of contact, and that of the wrinkles' height.
+    _known: dict[tuple[int, float, float], int] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def counting(self) -> Bools:
@@ -208,11 +210,6 @@ class _Look:
     def _still(self) -> set[tuple[int, int]]:
         """The edges and triangles that cross at rest."""
         return self.fold.crossings.pairs_at(self.fold.rest_positions, self.counting)
-
-    @cached_property
-    def _known(self) -> dict[tuple[int, float, float], int]:
-        """The counts so far, by the frame, the part of contact, and that of the wrinkles' height."""
-        return {}
 
     def crossings(self, frames: Ints, contact: Floats | float, height: Floats | float) -> Ints:
         """(times,) edges that pass through triangles in some frames, 0 in others.
