@@ -7,18 +7,18 @@
                                                  first measures the fields anew, on all cores, into FILE, from which it
                                                  goes on if it was stopped, and from there into the tables
 
-A row of places.csv is a place or a field that was looked at twice, without and with wrinkles and blind to the score,
-with its merits as `suggest --all --json` prints them; those of tools are measured without fields. `suggest` proposes
-nothing where no `limb` folds, nor a field that would be level, so such places are in the counts alone; and no tool
-where a field lies, so that places that are not `bare` are in the fit alone. Fields and lines of a face are weighed as
-folds of limbs are, but for a bias and weights of `seen`, `much` and `grown` of their own: a fit to all alike drops
-fields between plates of armour, and toes, which artists keep.
+A row of places.csv is a place or a field that was looked at, without and with wrinkles and blind to the score: twice by
+one judge, and some fields once more by each of two others. Merits are as `suggest --all --json` prints them; those of
+tools are measured without fields. `suggest` proposes nothing where no `limb` folds, nor a field that would be level, so
+such places are in the counts alone; and no tool where a field lies, so that places that are not `bare` are in the fit
+alone. Fields and lines of a face are weighed as folds of limbs are, but for a bias of their own and a weight of
+`grown`: a fit to all alike drops fields between plates of armour, and toes, which artists keep.
 A row of two fields, left and right, has the merits of the one that scores less: both are proposed, or none.
 The model is an ordinal logistic regression: one weighted sum of their logarithms, and a bias for each of "at least
-weak" and "keep"; each look counts half. Weights in units of the logarithms' deviations have a normal prior of unit
-width. The program needs the sum and the bias of "keep". A merit that is not known counts as the mean of those to keep.
-What is proposed has at least a chance to be kept that follows from this: each character left out in turn, four of five
-proposals, of tools and of tools and fields together, are kept by the mean of both looks.
+weak" and "keep"; looks of a place count alike, and places too. Weights in units of the logarithms' deviations have a
+normal prior of unit width. The program needs the sum and the bias of "keep". A merit that is not known counts as the
+mean of those to keep. What is proposed has at least a chance to be kept that follows from this: each character left out
+in turn, four of five proposals, of tools and of tools and fields together, are kept by the mean of the looks.
 
 A row of unseen.csv is a place that the fit does not have: nobody had seen its character before what is proposed there.
 When a fit learns from such rows, they move to places.csv, and others are looked for. Fields on a penguin, of which
@@ -62,7 +62,8 @@ UNSEEN = HERE / "unseen.csv"
 WANTED = HERE / "wanted.csv"
 WEIGHTS = HERE.parents[1] / "wrinklecli" / "review" / "suggest" / "score.json"
 VERDICTS = ("delete", "weak", "keep")
-LOOKS = ("first", "second")
+# The third and the fourth are those of two more judges. Where there are none, the first two count twice.
+LOOKS = ("first", "second", "third", "fourth")
 # Places on sheets that were built to show one fault each: the fit learns from them, and nobody counts them.
 BUILT = "sheet"
 # What the name of a field begins with.
@@ -71,8 +72,8 @@ FIELD = "field "
 LINES = re.compile("brow|forehead|glabella|cheek|Fcl_")
 # Digits of a weight: merits have three.
 DIGITS = 3
-# Merits that have weights of their own for fields and lines of a face.
-OWN = ("seen", "much", "grown")
+# Merits that have a weight of their own for fields and lines of a face.
+OWN = ("grown",)
 # Part of what is proposed that should be kept.
 ASKED = 0.8
 
@@ -152,7 +153,7 @@ def _fitted(logs: Floats, verdicts: NDArray[np.intp], known: Floats | float = 0.
         weights, found, slopes = values[:count], 0.5 * values[:count] @ values[:count], values.copy()
         slopes[count:] = 0.0
         for step in range(2):
-            # The mean over the looks of a place: of a half where they differ.
+            # The mean over the looks of a place, which may differ.
             sums, above = known + scaled @ weights + values[count + step], np.mean(verdicts > step, axis=1)
             off = 1.0 / (1.0 + np.exp(-sums)) - above
             found += np.sum(np.logaddexp(0.0, sums) - above * sums)
@@ -171,7 +172,8 @@ def read_places(path: Path = PLACES, usual: Floats | None = None) -> Places:
     names = list(rows[0])[2 + len(LOOKS) : -2]
     merits = np.array([[float(row[name] or "nan") for name in names] for row in rows])
     logs = np.log2(np.clip(merits, LEAST, 1.0))
-    verdicts = np.array([[VERDICTS.index(row[look]) for look in LOOKS] for row in rows])
+    looks = [[row[look] or row[LOOKS[number % 2]] for number, look in enumerate(LOOKS)] for row in rows]
+    verdicts = np.array([[VERDICTS.index(each) for each in row] for row in looks])
     if usual is None:
         usual = np.nanmean(logs[(verdicts == VERDICTS.index("keep")).any(axis=1)], axis=0)
     return Places(
@@ -208,7 +210,7 @@ def commonest(places: Places) -> float:
 
 def agreed(places: Places) -> NDArray[np.bool_]:
     """(places,) True where the looks agree."""
-    found: NDArray[np.bool_] = places.verdicts[:, 0] == places.verdicts[:, 1]
+    found: NDArray[np.bool_] = np.ptp(places.verdicts, axis=1) == 0
     return found
 
 
@@ -232,7 +234,7 @@ def proposed(places: Places, chances: Floats, least: float) -> tuple[list[float]
 
 def report(places: Places, chances: Floats, least: float) -> str:
     """A text that says how often chances are right."""
-    apart = np.abs(places.verdicts[:, 0] - places.verdicts[:, 1])
+    apart = np.ptp(places.verdicts, axis=1)
     lines = [
         f"{len(chances)} places on {len(np.unique(places.characters))} characters:",
         f"the looks agree on {100 * np.mean(apart == 0):.1f} %, and are opposite on {np.sum(apart == 2)} places",

@@ -57,7 +57,7 @@ def test_unseen_places_have_the_merits_of_the_fit_and_a_public_source() -> None:
 
 def test_measured_merits_of_fields_come_into_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = dict.fromkeys(places.read_places().names, np.nan)
-    shown, hidden = ({**nothing, "seen": seen, "crests": 0.5, "smooth": 1.0, "much": 1 / 3} for seen in (0.9, 0.1))
+    shown, hidden = ({**nothing, "seen": seen, "crests": 0.5, "smooth": 1 / 3} for seen in (0.9, 0.1))
     rows = {
         place: {**dict.fromkeys(places.read_rows(places.PLACES)[0], ""), "character": place[0], "tool": place[1]}
         for place in (("a", "field coat_L + coat_R"), ("b", "field coat"), ("c", "field coat"), ("a", "elbow.L"))
@@ -72,6 +72,6 @@ def test_measured_merits_of_fields_come_into_the_tables(tmp_path: Path, monkeypa
     done.write_text(f"{json.dumps(['a', {'coat_L': shown, 'coat_R': hidden}])}\n{json.dumps(['b', {}])}\n")
     places.measure_fields({}, done)
     pair, level, unknown, tool = places.read_rows(places.PLACES)
-    assert [pair[name] for name in ("seen", "smooth", "much", "closed", "limb")] == ["0.1", "1", "0.333", "", "1"]
+    assert [pair[name] for name in ("seen", "smooth", "closed", "limb")] == ["0.1", "0.333", "", "1"]
     assert level == {**rows["b", "field coat"], "limb": "0"}
     assert [unknown, tool] == [rows["c", "field coat"], rows["a", "elbow.L"]]

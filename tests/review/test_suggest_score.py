@@ -7,10 +7,8 @@ import pytest
 
 from wrinklecli.review.suggest.score import REASONS, Merits, Score
 
-GOOD = Merits(
-    seen=0.9, crests=0.5, smooth=1.0, closed=0.8, around=0.8, uniform=1.0, fine=1.0, much=math.nan, grown=math.nan
-)
-FIELD = replace(GOOD, **dict.fromkeys(("closed", "around", "uniform", "fine"), math.nan), much=1.0, grown=1.0)
+GOOD = Merits(seen=0.9, crests=0.5, smooth=1.0, closed=0.8, around=0.8, uniform=1.0, fine=1.0, grown=math.nan)
+FIELD = replace(GOOD, **dict.fromkeys(("closed", "around", "uniform", "fine"), math.nan), grown=1.0)
 NAMES = [each.name for each in fields(Merits)]
 
 
@@ -42,15 +40,6 @@ def test_no_merit_makes_up_for_one_that_is_missing(name: str) -> None:
 
 def test_the_sentence_has_the_merit() -> None:
     assert Score.of(replace(GOOD, smooth=0.3)).sentence == "it lies on facets: 30 % of the edges there are smooth"
-
-
-def test_what_is_no_fold_of_a_limb_has_to_be_seen_more() -> None:
-    seen, hidden = (replace(GOOD, seen=value) for value in (1.0, 0.3))
-    fold, other = (
-        [Score.of(replace(each, closed=closed)).keep for each in (seen, hidden)] for closed in (GOOD.closed, math.nan)
-    )
-    odds = [[chance / (1.0 - chance) for chance in chances] for chances in (fold, other)]
-    assert odds[1][1] / odds[1][0] < odds[0][1] / odds[0][0]
 
 
 @pytest.mark.parametrize("place", [GOOD, FIELD])

@@ -30,10 +30,9 @@ class Merits:
         around: How far the sides of the place are turned away from each other: 1 around a thin limb, 0.5 on a plane.
         uniform: Part of the place that is of one substance: a fold of skin ends at a sleeve, and lace has holes.
         fine: Part of the triangles that its wrinkles need, in the asset: on fewer they are bars with kinks.
-        much: How much of a garment folds: few folds on a smooth one look like faults.
         grown: Height in heads, of the four of a newborn at most: smooth toys look wrong in the folds of real clothes.
 
-    Four are NaN for what is no fold of a limb: lines of a face, and fields; the last two for all but fields. Then they
+    Four are NaN for what is no fold of a limb: lines of a face, and fields; the last one for all but fields. Then they
     count as they do at places that artists keep.
     """
 
@@ -44,7 +43,6 @@ class Merits:
     around: float
     uniform: float
     fine: float
-    much: float
     grown: float
 
 
@@ -56,7 +54,6 @@ REASONS = {
     "around": ("around no limb", "it reaches around no limb: {}, where a plane has 50 % and a thin limb 100 %"),
     "uniform": ("across a border", "it lies across the border of what it is made of: {} of it is of one substance"),
     "fine": ("few triangles", "the mesh is coarse there: it has {} of the triangles that its wrinkles need"),
-    "much": ("few folds", "hardly anything of it folds: {} of what looks like cloth"),
     "grown": ("toy-like", "its head is a toy's: it has {} of the height that a person has with such a head"),
 }
 """For each merit a word for the want of it, and that in a sentence with a place for the value."""
@@ -80,7 +77,7 @@ class Score:
     def of(cls, merits: Merits) -> "Score":
         """Weigh merits: odds are a product of their powers, so that nothing makes up for one that is missing.
 
-        What is no fold of a limb has a bias of its own, and adds weights of its own.
+        What is no fold of a limb has a bias of its own, and a weight of `grown`.
         """
         fitted = _fitted()
         own = fitted["others"] if math.isnan(merits.closed) else {"bias": fitted["bias"]}

@@ -178,15 +178,6 @@ class StagedTool:
         turns = vertex_normals(self.wrinkled, self.triangles) - vertex_normals(self.plain, self.triangles)
         return (self.flat_positions, before), (self.wrinkled, before + turns)
 
-    @property
-    def turned(self) -> float:
-        """The area of the place times the sines of the angles by which wrinkles turn it, scene units squared."""
-        (flat, before), (_, after) = self.shown
-        triangles = self.triangles[self.place]
-        areas = np.linalg.norm(face_normals(flat, triangles), axis=1) / 2.0
-        one, other = (unit(each[triangles].mean(axis=1)) for each in (before, after))
-        return float(areas @ np.linalg.norm(np.cross(one, other), axis=1))
-
     @cached_property
     def height(self) -> float:
         """The greatest displacement, scene units."""

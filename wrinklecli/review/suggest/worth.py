@@ -43,9 +43,6 @@ _SHAPES_OF_CONTACT = 7
 # Contrast that one does not notice, root mean square over the lightness: one notices 0.01 to 0.02 in the laboratory, on
 # a plain field and at leisure, and twice as much on a textured figure in motion.
 _UNNOTICED = 0.035
-# Squares of a wavelength, each turned by a right angle, from which on more folds make a garment no better; so are caps
-# from 8 to 32. The folds of two creases across a limb, of four waves each, turn so much.
-_MUCH = 16.0
 # Part of a place's length that is an end of it, and of its width that is a side.
 _ENDS = 0.3
 # Greatest angle beyond half a turn by which sides have passed each other where a fold is shut, radians.
@@ -211,7 +208,7 @@ class Judge:
             bend = 1.0 if limb else math.nan
             fine = min(each.fine for each in trials) if limb else math.nan
             merits = partial(Merits, smooth=smooth, uniform=suggestion.uniform, fine=fine, grown=suggestion.grown)
-            best = Score.of(merits(seen=1.0, crests=1.0, closed=bend, around=bend, much=math.nan))
+            best = Score.of(merits(seen=1.0, crests=1.0, closed=bend, around=bend))
             if not (self.everything or best.is_kept):
                 return dropped(*best.reason)
             for trial in trials:
@@ -280,8 +277,8 @@ class Judge:
         open where it is tallest has the best merits that it could get.
         """
         placement, limb = draft.placed[suggestion.effect.name], draft.limb
-        attached, clip, peak = placement.attached, self.asset.clip(suggestion.clip), suggestion.time
-        best_merits = draft.merits(seen=1.0, crests=1.0, much=math.nan, **_bends(tallest, limb=limb))
+        clip, peak = self.asset.clip(suggestion.clip), suggestion.time
+        best_merits = draft.merits(seen=1.0, crests=1.0, **_bends(tallest, limb=limb))
         if not (self.everything or Score.of(best_merits).is_kept):
             return best_merits
 
@@ -299,7 +296,6 @@ class Judge:
         return draft.merits(
             seen=side.visible if limb else part_not_hidden(sight.place, side),
             crests=crests.contrast * crests.share / (crests.contrast + _UNNOTICED),
-            much=math.nan if attached.segment else min(staged.turned / (_MUCH * attached.bump_width**2), 1.0),
             **_bends(staged, limb=limb),
         )
 
