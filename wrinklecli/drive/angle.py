@@ -11,7 +11,7 @@ from wrinklecli.character.pose import node_rows
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.stored import Json, read_numbers, stored
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, unit_quaternions
+from wrinklecli.numeric.arrays import Bools, Floats, affine_rows, dot, unit_quaternions
 from wrinklecli.numeric.memory import once
 
 # Four times a sine and cosine of half an angle below which a turn has no axis: rounding of float32 rotations.
@@ -111,7 +111,7 @@ class JointAngle:
         Source: the swing-twist decomposition of quaternions: the turn about the axis is the twist; v is along the whole
         turn's.
         """
-        return Angles(np.asarray(2.0 * np.arctan2(self.axis @ sines, cosines)), halves)
+        return Angles(np.asarray(2.0 * np.arctan2(dot(self.axis, sines), cosines)), halves)
 
     def to_json(self, names: Sequence[str]) -> Json:
         """The signal as extras store it, by the names of all nodes; a joint without an axis is another's."""

@@ -1,6 +1,6 @@
 """Finds the edges of a moving surface that pass through its triangles.
 
-Candidates come from trees of bounding boxes, which are built once at rest and refitted to each pose. The sides of boxes
+Candidates come from a tree of bounding boxes, which is built once at rest and refitted to each pose. The sides of boxes
 are rounded to whole cells, so that three of them are compared as one integer.
 
 Source: C. Ericson, *Real-Time Collision Detection*, 2005, §6.3 (descent of two hierarchies) and §5.3.4 (segments and
@@ -9,7 +9,7 @@ others, *Efficient Collision Detection Using Bounding Volume Hierarchies of k-DO
 beside the axes. Differs: they are only compared where boxes meet.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import TypeAlias
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wrinklecli.frozen import dataclass
-from wrinklecli.numeric.arrays import Bools, Floats, Ints, any_of, cross, distinct, dot, flags_of
+from wrinklecli.numeric.arrays import Bools, Floats, Ints, VertexFaces, any_of, cross, distinct, dot, flags_of, runs
 from wrinklecli.numeric.portions import portions
 
 # Bits of each coordinate of a box. With a guard bit for each, three of them fill an integer of 64 bits, and a
@@ -35,30 +35,45 @@ _ROUNDING = 1e-12
 # Bits of each coordinate in the Morton order of the leaves.
 _MORTON_BITS = 10
 
+Cells: TypeAlias = NDArray[np.int32]
 Codes: TypeAlias = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Crossings:
-    """The trees of a surface's edges and triangles.
+    """The tree of a surface's triangles, and its edges.
+
+    An edge belongs to the first triangle that has it, and is looked at where that one's box meets another's.
 
     Attributes:
         triangles: (triangles, 3) vertices.
         edges: (edges, 2) vertices as `edges_of` sorts them.
-        triangle_order: (triangles,) the leaves of the tree of triangles, along a Morton curve.
-        edge_order: (edges,) the leaves of the tree of edges, likewise.
+        leaves: (triangles,) those of the tree, along a Morton curve.
+        owned: (3, triangles) the edges of each leaf; -1 for those of others.
+        fans: (2, pairs) edges, and leaves round the third vertex of those which they belong to: such pairs have no
+            vertex in common, but always near boxes.
     """
 
     triangles: Ints
     edges: Ints
-    triangle_order: Ints
-    edge_order: Ints
+    leaves: Ints
+    owned: Ints
+    fans: Ints
 
     @classmethod
     def of(cls, positions: Floats, triangles: Ints) -> "Crossings":
-        """Build the trees of (triangles, 3) from (vertices, 3) positions at rest."""
-        edges = edges_of(triangles)
-        return cls(triangles, edges, *(_morton_order(positions[each].mean(axis=1)) for each in (triangles, edges)))
+        """Build the tree of (triangles, 3) from (vertices, 3) positions at rest."""
+        leaves = _morton_order(positions[triangles].mean(axis=1))
+        corners = triangles[leaves]
+        sides, around = sides_of(corners), VertexFaces.of(corners, len(positions))
+        first = distinct(sides)[0]
+        edges, owned = sides[first], np.full(triangles.T.shape, -1)
+        owned[first % 3, first // 3] = np.arange(len(edges))
+        third = np.roll(corners, 1, axis=1).reshape(-1)[first]
+        many = around.starts[third + 1] - around.starts[third]
+        fans = np.stack([np.repeat(np.arange(len(edges)), many), around.faces[runs(around.starts[third], many)]])
+        fans = fans[:, _apart(edges.T.take(fans[0], axis=1), corners.T.take(fans[1], axis=1))]
+        return cls(triangles, edges, leaves, owned, fans)
 
     def at(self, positions: Floats, counting: Bools | None = None) -> tuple[Ints, Ints]:
         """Find what crosses in a pose.
@@ -71,8 +86,9 @@ class Crossings:
             (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
             Pairs that only touch or share a vertex do not count.
         """
-        pairs = self._split(positions, *self._near(positions, positions, counting))
-        crossing = np.stack(self._passing(positions, *pairs), axis=1)
+        edges, triangles = self._split(positions, *self._near(_Boxes.of(positions, positions, counting)))
+        crosses = _turn_alike(positions.T, self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1))
+        crossing = np.stack([edges, triangles], axis=1)[crosses]
         edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
         counts = slice(None) if counting is None else counting[self._corners(edges, triangles)].any(axis=1)
         return edges[counts], triangles[counts]
@@ -101,11 +117,6 @@ class Crossings:
         """(pairs, 5) vertices of (pairs,) edges and (pairs,) triangles."""
         return np.concatenate([self.edges[edges], self.triangles[triangles]], axis=1)
 
-    @property
-    def _leaves(self) -> tuple[tuple[Ints, Ints], tuple[Ints, Ints]]:
-        """The corners and the order of the leaves, of both trees."""
-        return (self.edges, self.edge_order), (self.triangles, self.triangle_order)
-
     def may_cross(self, one: Floats, other: Floats, counting: Bools | None = None) -> Ints:
         """Find what may cross while each vertex is anywhere on a line between two places of its own.
 
@@ -117,53 +128,26 @@ class Crossings:
         Returns:
             (pairs, 5) the two ends of edges, and the three corners of triangles, which are others.
         """
-        edges, triangles = self._near(np.minimum(one, other), np.maximum(one, other), counting)
-        ends, corners = (np.ascontiguousarray(each.T) for each in (self.edges, self.triangles))
-        apart = [
-            part.start + _apart(ends.take(edges[part], axis=1), corners.take(triangles[part], axis=1))
-            for part in portions(len(edges), 4)
-        ]
-        meeting = np.concatenate([np.zeros(0, np.intp), *apart])
-        for axes in _DIAGONALS:
-            edges, triangles = edges.take(meeting), triangles.take(meeting)
-            begun, ended = one @ axes.T, other @ axes.T
-            cells = _cells(np.minimum(begun, ended), np.maximum(begun, ended))
-            of_edges, of_triangles = (_codes(*_boxes(*cells, each, len(each))) for each in (self.edges, self.triangles))
-            meeting = _meeting(of_edges, of_triangles, edges, triangles)
-        pairs = self._corners(edges.take(meeting), triangles.take(meeting))
+        turned = [_Boxes.of(one @ axes.T, other @ axes.T) for axes in _DIAGONALS]
+        pairs = self._corners(*self._near(_Boxes.of(one, other, counting), *turned))
         return pairs if counting is None else pairs[any_of(counting, pairs)]
 
-    def _near(self, low: Floats, high: Floats, counting: Bools | None) -> tuple[Ints, Ints]:
-        """(pairs,) edges and (pairs,) triangles whose boxes meet, and that may count.
-
-        Vertices are anywhere in boxes between (vertices, 3) `low` and `high`; `counting` is as in `at`.
-        """
-        depth = max(len(self.triangles), len(self.edges), 1).bit_length()
-        cells = _cells(low, high)
-        trees = [_tree(*cells, corners[order], depth) for corners, order in self._leaves]
-        # A box of a tree counts if something in it does. That of a leaf is not looked at, as most pairs are leaves.
-        counts = (
-            [_any_tree(any_of(counting, corners[order]), depth) for corners, order in self._leaves]
-            if counting is not None
-            else []
-        )
-        top = min(_TOP, depth)
-        edges, triangles = np.indices((2**top, 2**top)).reshape(2, -1)
-        meeting = _meeting(trees[0][top], trees[1][top], edges, triangles)
-        found, stack = [np.zeros((2, 0), np.intp)], [(top, edges.take(meeting), triangles.take(meeting))]
-        while stack:
-            level, edges, triangles = stack.pop()
-            if level == depth:
-                found.append(np.stack([self.edge_order.take(edges), self.triangle_order.take(triangles)]))
-                continue
-            if counts:
-                counted = np.flatnonzero(counts[0][level].take(edges) | counts[1][level].take(triangles))
-                edges, triangles = edges.take(counted), triangles.take(counted)
-            of_edges, of_triangles = (tree[level + 1] for tree in trees)
-            for part in portions(len(edges), 4):
-                stack.append((level + 1, *_children(of_edges, of_triangles, edges[part], triangles[part])))
-        edges, triangles = np.concatenate(found, axis=1)
-        return edges, triangles
+    def _near(self, *boxes: "_Boxes") -> tuple[Ints, Ints]:
+        """(pairs,) edges and (pairs,) triangles that have no common vertex, and whose boxes meet along all axes."""
+        corners, depth = self.triangles[self.leaves], max(len(self.triangles), 1).bit_length()
+        tree = _tree(boxes[0].around(corners, 2**depth), depth)
+        of_leaves = [tree[depth][0], *(_codes(each.around(corners, len(corners))) for each in boxes[1:])]
+        some, others = _near_leaves(tree, corners)
+        for codes in of_leaves[1:]:
+            meeting = _meeting(codes, codes, some, others)
+            some, others = some.take(meeting), others.take(meeting)
+        edges = self.owned.take(np.concatenate([some, others]), axis=1)
+        leaves = np.concatenate([np.tile(np.concatenate([others, some]), 3)[edges.ravel() >= 0], self.fans[1]])
+        edges = np.concatenate([edges[edges >= 0], self.fans[0]])
+        for each, codes in zip(boxes, of_leaves, strict=True):
+            meeting = _meeting(_codes(each.around(self.edges, len(self.edges))), codes, edges, leaves)
+            edges, leaves = edges.take(meeting), leaves.take(meeting)
+        return edges, self.leaves.take(leaves)
 
     def _split(self, positions: Floats, edges: Ints, triangles: Ints) -> tuple[Ints, Ints]:
         """The pairs of (pairs,) edges and (pairs,) triangles with an end of the edge on each side of the triangle."""
@@ -180,20 +164,10 @@ class Crossings:
         split = np.concatenate([np.zeros(0, np.intp), *found])
         return edges.take(split), triangles.take(split)
 
-    def _passing(self, positions: Floats, edges: Ints, triangles: Ints) -> tuple[Ints, Ints]:
-        """The pairs of (pairs,) edges and (pairs,) triangles, which have no vertex in common, that cross.
 
-        The ends of each edge are on both sides of the triangle.
-        """
-        ends, corners = self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1)
-        apart = _apart(ends, corners)
-        crosses = apart[_turn_alike(positions.T, ends.take(apart, axis=1), corners.take(apart, axis=1))]
-        return edges.take(crosses), triangles.take(crosses)
-
-
-def _apart(ends: Ints, corners: Ints) -> Ints:
-    """The pairs of (2, pairs) ends of edges and (3, pairs) corners of triangles that have no vertex in common."""
-    return np.flatnonzero(np.logical_and.reduce([end != corner for end in ends for corner in corners]))
+def _apart(some: Ints, others: Ints) -> Ints:
+    """The pairs of (n, pairs) and (m, pairs) corners that have no vertex in common."""
+    return np.flatnonzero(np.logical_and.reduce([one != other for one in some for other in others]))
 
 
 def crossing(places: Floats, ends: Ints, corners: Ints) -> Bools:
@@ -244,82 +218,112 @@ def _turn_alike(places: Floats, ends: Ints, corners: Ints) -> Bools:
     return np.asarray(apart & (np.abs(turns[0] + turns[1] + turns[2]) == 3))
 
 
-def _cells(low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """(3, vertices) low and high sides of (vertices, 3) boxes, in cells from 1 to `_CELLS` + 1."""
-    origin = low.min(axis=0, initial=np.inf)
-    size = float((high - origin).max(initial=0.0)) or 1.0
-    lowest = (low - origin).T / size * _CELLS + 1.0
-    return lowest, lowest if high is low else (high - origin).T / size * _CELLS + 1.0
+@dataclass(frozen=True, slots=True, eq=False)
+class _Boxes:
+    """The boxes round two places of each vertex.
+
+    Attributes:
+        places: The two (vertices, 3) places.
+        cells: (vertices, 8) the low sides, in whole cells from 1 to `_CELLS` + 1, -1 for those that count, minus the
+            high sides, and a 0. So the least of some rows are a box round some vertices.
+    """
+
+    places: tuple[Floats, Floats]
+    cells: Cells
+
+    @classmethod
+    def of(cls, one: Floats, other: Floats, counting: Bools | None = None) -> "_Boxes":
+        """The boxes round two (vertices, 3) places; all count if no (vertices,) are given that do."""
+        low, high = (one, one) if other is one else (np.minimum(one, other), np.maximum(one, other))
+        origin = low.min(axis=0, initial=np.inf)
+        size = float((high - origin).max(initial=0.0)) or 1.0
+        cells = np.zeros((len(one), 8), np.int32)
+        cells[:, :3] = (low - origin) / size * _CELLS + 1.0
+        cells[:, 3] = -1 if counting is None else -counting.astype(np.int32)
+        cells[:, 4:7] = -cells[:, :3] if high is low else -((high - origin) / size * _CELLS + 1.0)
+        return cls((one, other), cells)
+
+    def around(self, corners: Ints, count: int) -> Cells:
+        """(count, 8) cells of the boxes round (things, n) corners; others meet nothing."""
+        found = np.zeros((count, 8), np.int32)
+        found[len(corners) :, :3] = _CELLS + 2
+        found[: len(corners)] = reduce(np.minimum, (self.cells.take(each, axis=0) for each in corners.T))
+        # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.
+        small = np.flatnonzero(np.logical_and.reduce([found[:, k] == -found[:, k + 4] for k in range(3)]))
+        every = [each[corners[small]] for each in self.places]
+        hidden = np.logical_and.reduce([(each == every[0][:, :1]).all(axis=(1, 2)) for each in every])
+        found[small[hidden], :3] = _CELLS + 2
+        return found
 
 
-def _boxes(lowest: Floats, highest: Floats, corners: Ints, count: int) -> tuple[Ints, Ints]:
-    """(3, count) cells of the low and of the high sides of the boxes of (things, n) corners; others meet nothing."""
-    below = [lowest.take(each, axis=1) for each in corners.T]
-    above = below if highest is lowest else [highest.take(each, axis=1) for each in corners.T]
-    least, greatest = reduce(np.minimum, below), reduce(np.maximum, above)
-    low, high = np.full((3, count), _CELLS + 2, np.int64), np.zeros((3, count), np.int64)
-    low[:, : len(corners)], high[:, : len(corners)] = least, greatest
-    # A scale of 0 hides parts in one point, where they cross nothing but their boxes would all meet.
-    hidden = np.flatnonzero((least == greatest).all(axis=0))
-    low[:, hidden], high[:, hidden] = _CELLS + 2, 0
-    return low, high
-
-
-def _tree(lowest: Floats, highest: Floats, corners: Ints, depth: int) -> list[tuple[Codes, Codes]]:
-    """The codes of the boxes, for each level, root first, of a tree over (things, n) corners in `_cells`."""
-    levels = [_boxes(lowest, highest, corners, 2**depth)]
+def _tree(cells: Cells, depth: int) -> list[tuple[Codes, Bools]]:
+    """The codes of the boxes of a tree over leaves with (leaves, 8) cells, and whether they count; root first."""
+    levels = [cells]
     for _ in range(depth):
-        low, high = levels[-1]
-        levels.append((np.minimum(low[:, ::2], low[:, 1::2]), np.maximum(high[:, ::2], high[:, 1::2])))
-    return [_codes(*each) for each in levels[::-1]]
+        levels.append(np.minimum(levels[-1][::2], levels[-1][1::2]))
+    return [(_codes(each), each[:, 3] < 0) for each in levels[::-1]]
 
 
-def _codes(low: Ints, high: Ints) -> tuple[Codes, Codes]:
-    """(boxes,) codes of (3, boxes) low and high sides; those of high sides have guard bits."""
-    return _packed(low), _packed(high) | _GUARDS
+def _codes(cells: Cells) -> Codes:
+    """(boxes, 2) codes of low and of high sides, one bit above each coordinate; that of high ones is set."""
+    low, high = (
+        reduce(np.add, (cells[:, first + k].astype(np.int64) << k * (_BITS + 1) for k in range(3))) for first in (0, 4)
+    )
+    return np.stack([low, _GUARDS - high], axis=1)
 
 
-def _packed(cells: Ints) -> Codes:
-    """(boxes,) codes of (3, boxes) whole coordinates, one bit above each of which is free."""
-    code: Codes = cells[0] | cells[1] << (_BITS + 1) | cells[2] << 2 * (_BITS + 1)
-    return code
+def _near_leaves(tree: Sequence[tuple[Codes, Bools]], corners: Ints) -> tuple[Ints, Ints]:
+    """The pairs of leaves with (leaves, 3) corners that have no vertex in common, and whose boxes meet.
+
+    One of a pair counts, or of the pair of boxes above it: leaves are not asked, as most pairs are leaves.
+    """
+    depth, rows = len(tree) - 1, np.ascontiguousarray(corners.T)
+    top = min(_TOP, depth)
+    some, others = np.triu_indices(2**top)
+    meeting = _meeting(tree[top][0], tree[top][0], some, others)
+    found, stack = [np.zeros((2, 0), np.intp)], [(top, some.take(meeting), others.take(meeting))]
+    while stack:
+        level, some, others = stack.pop()
+        if level == depth:
+            apart = _apart(rows.take(some, axis=1), rows.take(others, axis=1))
+            found.append(np.stack([some.take(apart), others.take(apart)]))
+            continue
+        counted = np.flatnonzero(tree[level][1].take(some) | tree[level][1].take(others))
+        some, others = some.take(counted), others.take(counted)
+        for part in portions(len(some), 4):
+            stack.append((level + 1, *_children(tree[level + 1][0], some[part], others[part])))
+    some, others = np.concatenate(found, axis=1)
+    return some, others
 
 
-def _children(first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints) -> tuple[Ints, Ints]:
-    """The pairs of boxes below `some` and `others` that meet; the codes of both are those of the level below."""
-    found, below = [], [(child, *(code.take(child) for code in second)) for child in (2 * others, 2 * others + 1)]
-    for one in (2 * some, 2 * some + 1):
-        sides = [code.take(one) for code in first]
-        for other, *other_sides in below:
-            meeting = _meet(*sides, *other_sides)
-            found.append((one.take(meeting), other.take(meeting)))
+def _children(codes: Codes, some: Ints, others: Ints) -> tuple[Ints, Ints]:
+    """The pairs of boxes below `some` and `others` that meet, each once; the codes are those of the level below."""
+    # Those of both boxes below one stand together.
+    sides, other_sides = (codes.reshape(-1, 4).take(each, axis=0).reshape(-1, 2, 2) for each in (some, others))
+    found = []
+    for one in range(2):
+        for other in range(2):
+            meeting = _meet(sides[:, one], other_sides[:, other])
+            found.append((2 * some.take(meeting) + one, 2 * others.take(meeting) + other))
     ones, others = (np.concatenate(each) for each in zip(*found, strict=True))
-    return ones, others
+    once = np.flatnonzero(ones <= others)
+    return ones.take(once), others.take(once)
 
 
-def _meet(low: Codes, high: Codes, other_low: Codes, other_high: Codes) -> Ints:
+def _meet(codes: Codes, others: Codes) -> Ints:
     # A difference takes a guard bit away where a low side lies above the other box's high side.
-    guards = other_high - low
-    guards &= high - other_low
+    guards = others[:, 1] - codes[:, 0]
+    guards &= codes[:, 1] - others[:, 0]
     guards &= _GUARDS
     return np.flatnonzero(guards == _GUARDS)
 
 
-def _meeting(first: tuple[Codes, Codes], second: tuple[Codes, Codes], some: Ints, others: Ints) -> Ints:
+def _meeting(first: Codes, second: Codes, some: Ints, others: Ints) -> Ints:
     """(meeting,) which pairs of `some` boxes of the first and `others` of the second meet."""
-    (low, high), (other_low, other_high) = first, second
-    return _meet(low.take(some), high.take(some), other_low.take(others), other_high.take(others))
-
-
-def _any_tree(leaves: Bools, depth: int) -> list[Bools]:
-    """(boxes,) True where any of the (things,) leaves below is, for each level of a tree, root first."""
-    flags = np.zeros(2**depth, bool)
-    flags[: len(leaves)] = leaves
-    levels = [flags]
-    for _ in range(depth):
-        flags = flags[::2] | flags[1::2]
-        levels.append(flags)
-    return levels[::-1]
+    found = [np.zeros(0, np.intp)]
+    for part in portions(len(some), 4):
+        found.append(part.start + _meet(first.take(some[part], axis=0), second.take(others[part], axis=0)))
+    return np.concatenate(found)
 
 
 def _morton_order(points: Floats) -> Ints:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wrinklecli.character.pose import joint_matrices
+from wrinklecli.character.pose import joint_matrices, node_rows
 from wrinklecli.effects.below import losses_below
 from wrinklecli.effects.faults import turned_over
 from wrinklecli.effects.field.attach import AttachedField
@@ -122,20 +122,25 @@ def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Boo
     a triangle. Each next pose is the one whose weights are farthest from those of all before it, and from level.
     """
     sweeps, factors = attached.sweeps, attached.factors
-    matrices, weights = list[Floats](), list[Floats]()
-    drive = replace(attached.drive, strengths={}, strength=1.0)
-    for clip in ground.clips:
-        times = np.linspace(clip.start, clip.end, _MOMENTS)
-        matrices.append(joint_matrices(ground.rig, clip, times))
-        weights.append(drive.weights_in(ground.rig, clip)(times))
-    every = np.concatenate([*weights, weights_of(sweeps, factors.turns, factors.tables)])
+    drive, rig, nodes = replace(attached.drive, strengths={}, strength=1.0), ground.rig, sorted(attached.drive.nodes)
+    moments = [(clip, np.linspace(clip.start, clip.end, _MOMENTS)) for clip in ground.clips]
+    # All clips are measured at once, as of a character without any, hundreds of motions are looked at.
+    rows = zip(*(node_rows(rig, clip, times, nodes) for clip, times in moments), strict=True)
+    known = {
+        node: np.concatenate([np.broadcast_to(each, (3, 4, _MOMENTS)) for each in own], axis=2)
+        for node, own in zip(nodes, rows, strict=False)
+    }
+    read = drive.reader(rig, None)(np.zeros(_MOMENTS * len(moments)), known)
+    every = np.concatenate([drive.weights(None, read), weights_of(sweeps, factors.turns, factors.tables)])
     of_clips = np.arange(len(every)) < len(every) - len(sweeps.matrices)
     chosen, apart = list[int](), (every**2).sum(axis=1)
     for own in (of_clips, ~of_clips):
         while len(chosen) < _POSES and (apart * own).max() > _APART**2:
             chosen.append(int((apart * own).argmax()))
             apart = np.minimum(apart, ((every - every[chosen[-1]]) ** 2).sum(axis=1))
-    return np.concatenate([*matrices, sweeps.matrices])[chosen], every[chosen], of_clips[chosen]
+    matrices = [joint_matrices(rig, *moments[each // _MOMENTS])[each % _MOMENTS] for each in chosen if of_clips[each]]
+    matrices += [sweeps.matrices[each - len(every)] for each in chosen if not of_clips[each]]
+    return np.reshape(matrices, (-1, *sweeps.matrices.shape[1:])), every[chosen], of_clips[chosen]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -308,14 +313,21 @@ def _crossed(pose: int, vertices: Ints, still: Floats, ways: Floats, pairs: Ints
 
     `pairs` are (pairs, 5) indices of the two ends of edges, and of the three corners of triangles.
     """
+
+    def linked(own: Ints) -> Ints:
+        """(vertices,) the components of what (pairs, 5) link."""
+        return components(own[:, [0, 1, 0, 2, 0, 3, 0, 4]].reshape(-1, 2), len(vertices))
+
     skinned = crossing(still, pairs[:, :2], pairs[:, 2:])
+    # What crosses in the skin is in a row anyway.
+    creases = linked(pairs[skinned])
 
     def at_fault(places: Floats) -> Ints:
         found = crossing(places, pairs[:, :2], pairs[:, 2:])
-        either = found | skinned
-        own, added, kept = pairs[either], found[either], skinned[either]
-        rows = components(own[:, [0, 1, 0, 2, 0, 3, 0, 4]].reshape(-1, 2), len(vertices))[own[:, 0]]
-        more = np.bincount(rows, added) > np.bincount(rows, kept)
-        return distinct_values(own[added & ~kept & more[rows]])
+        changed = np.flatnonzero(found != skinned)
+        own, added = pairs[changed], found[changed]
+        rows = linked(creases[own[added]])[creases[own[:, 0]]]
+        more = np.bincount(rows, np.where(added, 1.0, -1.0)) > 0
+        return distinct_values(own[added & more[rows]])
 
     return _Look(pose, vertices, still, ways, at_fault)
