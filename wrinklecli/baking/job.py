@@ -270,14 +270,9 @@ def tools_by_node(document: Document, settings: ToolsFile) -> tuple[dict[int, li
         count = len(set(others) - {place})
         more = f"; the same holds for {counted(count, 'more tool')}" if count else ""
         problems.append(BakeError(f"{fault}{more}", where=place))
-    for index in found:
-        if is_baked(nodes[index]):
-            problems.append(
-                BakeError(
-                    "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace",
-                    where=document.where("nodes", index, "extras", "wrinkle"),
-                )
-            )
+    for index in filter(lambda node: is_baked(nodes[node]), found):
+        message = "already carries wrinkles of an earlier bake; bake from the original asset, or use --replace"
+        problems.append(BakeError(message, where=document.where("nodes", index, "extras", "wrinkle")))
     if problems:
         raise BakeError.of_all(problems)
     if not found:

@@ -311,18 +311,15 @@ def encode_track(edited: EditedDocument, clip: Clip, node: int, track: Track) ->
     old = [each for each in channels if moves_weights(each, node, mesh)]
     entry = old[-1] if old else {"sampler": None, "target": {}}
     users = sum(each.get("sampler") == entry["sampler"] for each in channels)
-    old_sampler = entry["sampler"] if old and users == 1 else None
-    sampler = animation["samplers"][old_sampler] if old_sampler is not None else {}
+    number = entry["sampler"] if old and users == 1 else len(animation["samplers"])
+    (sampler,) = animation["samplers"][number : number + 1] or [{}]
     times = track.times.astype(np.float32)
     sampler = dict(sampler)
     sampler["input"] = edited.add(times, bounds=True, replaces=sampler.get("input"))
     sampler["interpolation"] = track.interpolation
     sampler["output"] = edited.add(track.values.astype(np.float32).reshape(-1), replaces=sampler.get("output"))
-    if old_sampler is None:
-        animation["samplers"].append(sampler)
-    else:
-        animation["samplers"][old_sampler] = sampler
-    entry["sampler"] = len(animation["samplers"]) - 1 if old_sampler is None else old_sampler
+    animation["samplers"][number : number + 1] = [sampler]
+    entry["sampler"] = number
     entry["target"] = without_pointer(entry["target"]) | {"node": node, "path": "weights"}
     if not old:
         channels.append(entry)

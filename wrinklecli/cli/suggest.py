@@ -276,7 +276,10 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
     if found.guesses:
         # A muscle that no clip moves has fewer facts.
         names = dict.fromkeys(name for each in found.guesses for name in each.facts)
-        rows = [[_cell(each.facts.get(name, "")) for name in names] for each in found.guesses]
+        rows = [
+            [fact if isinstance(fact := each.facts.get(name, ""), str) else f"{fact:.3g}" for name in names]
+            for each in found.guesses
+        ]
         named = [_sided(each.effect.name, each.mirrored) for each in found.guesses]
         heading = [found.guesses[0].effect.words[0], *names]
         yield [heading, *([name, *row] for name, row in zip(named, rows, strict=True))], 1
@@ -284,10 +287,6 @@ def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
 
 def _percent(judgement: "Score | None") -> str:
     return "" if judgement is None else f"{100 * judgement.keep:.0f} %"
-
-
-def _cell(fact: float | str) -> str:
-    return fact if isinstance(fact, str) else f"{fact:.3g}"
 
 
 def _sided(name: str, mirrored: bool) -> str:

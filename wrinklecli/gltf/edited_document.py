@@ -99,14 +99,11 @@ class EditedDocument:
             accessor["max"] = [column.max().item() for column in stored.T]
         slot = self._release(replaces)
         # Elements of vertex attributes begin at multiples of 4 bytes (glTF 2.0 §3.6.2.4).
-        padding = -stored.itemsize * stored.shape[1] % ALIGNMENT if target == VERTEX_DATA else 0
-        if padding:
-            rows = np.frombuffer(values.tobytes(), np.uint8).reshape(len(values), -1)
-            data = np.pad(rows, ((0, 0), (0, padding))).tobytes()
-            stride = rows.shape[1] + padding
-        else:
-            data, stride = values.tobytes(), None
-        accessor = {"bufferView": self._add_view(data, target=target, stride=stride), **accessor}
+        rows, stride = np.frombuffer(values.tobytes(), np.uint8).reshape(-1, stored.itemsize * stored.shape[1]), None
+        if target == VERTEX_DATA and rows.shape[1] % ALIGNMENT:
+            rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % ALIGNMENT)))
+            stride = rows.shape[1]
+        accessor = {"bufferView": self._add_view(rows.tobytes(), target=target, stride=stride), **accessor}
         return self._place(accessor, slot)
 
     def add_like(self, index: int, values: Array, **how: Any) -> int:
