@@ -150,7 +150,7 @@ def test_a_part_says_of_itself_what_its_effect_says(section: str) -> None:
     (effect,), seen = effects, [motion.seen(0) for motion in motions]
     words = part.words(plan)
     assert words.describe(plan, effect.target_names) == effect.words.describe(plan, effect.target_names)
-    assert words.warnings(plan, seen, up="y") == effect.words.warnings(plan, seen, up="y")
+    assert words.warnings(plan, seen, "y") == effect.words.warnings(plan, seen, "y")
 
 
 def test_a_body_moves_as_its_rig_says() -> None:

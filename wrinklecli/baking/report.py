@@ -152,7 +152,7 @@ def make_report(job: Job, baked: Sequence[BakedMesh], *, images: Sequence[str], 
         warnings += _three_warnings(job, mesh.plan.rig, clips) if tracks else ()
         for number, effect in enumerate(mesh.effects):
             seen = [each.seen(number) for each in mesh.motions]
-            warnings += effect.words.warnings(mesh.plan, seen, up=job.settings.up)
+            warnings += effect.words.warnings(mesh.plan, seen, job.settings.up)
     sections: dict[str, list[Json]] = {_TOOLS: []}
     for mesh in baked:
         for layer in mesh.plan.layers:

@@ -65,8 +65,6 @@ class Weights(Protocol):
 class BaseDrive(ABC):
     """A drive whose measurements are the weights of its targets, unless it says otherwise."""
 
-    __slots__ = ()
-
     @property
     def own(self) -> tuple[str, ...]:
         """Names of further targets, each of one clip alone, that replace its targets there."""

@@ -343,7 +343,7 @@ class AttachedTools:
         """Collect the warnings of `check` by tool; those about whole meshes have an empty name."""
         found: dict[str, list[str]] = {}
         for tool in self.tools.values():
-            lines = tool.part.words(tool.plan).warnings(tool.plan, tool.seen(cache, clips), up=settings.up)
+            lines = tool.part.words(tool.plan).warnings(tool.plan, tool.seen(cache, clips), settings.up)
             _add_by_name(found, [tool.attached.tool.name], lines)
         for plan in (cluster.plan for mesh in self.meshes for cluster in mesh.clusters):
             names = [part.attached.tool.name for part in skin_parts(plan)]
@@ -367,7 +367,7 @@ def _driven_warnings(plan: MeshPlan, clips: Sequence[Clip], settings: ToolsFile)
     """The name and the warnings of each effect on the refined triangles of a plan that its drive alone moves."""
     sampling = SamplingOptions(settings.sampling.fps, "morph", Memory(), log_progress)
     for effect, seen in play_below_skin(plan, moving_clips(plan, clips), sampling):
-        yield effect.name, effect.words.warnings(plan, seen, up=settings.up)
+        yield effect.name, effect.words.warnings(plan, seen, settings.up)
 
 
 def _add_by_name(found: dict[str, list[str]], names: Iterable[str], lines: Iterable[str]) -> None:

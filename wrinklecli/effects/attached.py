@@ -53,8 +53,6 @@ class Drag(NamedTuple):
 class Attached(Protocol[Tool]):
     """A tool on the mesh at rest, before refinement; what is not said otherwise holds for one without a segment."""
 
-    __slots__ = ()
-
     @property
     def tool(self) -> Tool:
         """Its entry in the tools file."""

@@ -161,14 +161,12 @@ class Words(Protocol):
     def describe_clip(self, seen: Seen) -> Json | None:
         """The effect's entry in a clip of a detailed report; None if there is none."""
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
-        """Warnings for users, from the effect in all clips."""
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], up: str, /) -> list[str]:
+        """Warnings for users, from the effect in all clips; `up` is the axis of positions."""
 
 
 class Remixes(ABC):
     """Other morph targets that play the same motion, for the limits of engines."""
-
-    __slots__ = ()
 
     @abstractmethod
     def with_unit_weights(self, effect: "Effect") -> "Effect":
@@ -335,7 +333,6 @@ class Layer(Protocol):
         is_solved: True if its effects are found by a solver, which takes minutes.
     """
 
-    __slots__ = ()
     section: ClassVar[str]
     is_solved: ClassVar[bool] = False
 

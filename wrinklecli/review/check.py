@@ -214,7 +214,7 @@ def _describe(plan: MeshPlan, words: Words, targets: tuple[str, ...], seen: Sequ
         if (row := words.describe_clip(each)) is not None
         and (each.motion.clip.name not in job.range or each.weights.any())
     ]
-    return {**words.describe(plan, targets), "clips": told, "warnings": words.warnings(plan, seen, up=job.settings.up)}
+    return {**words.describe(plan, targets), "clips": told, "warnings": words.warnings(plan, seen, job.settings.up)}
 
 
 def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Json, job: Job) -> CheckedTool:
@@ -229,7 +229,7 @@ def _check_tool(plan: MeshPlan, part: Part, every: Sequence[Seen], overlaps: Jso
     data |= {
         "fitting_compressible": part.attached.fitting_compressible(lengths),
         "clips": [part.facts_in(plan, each) for each in clips],
-        "warnings": part.words(plan).warnings(plan, clips, up=up) + turned_warnings(plan, part, clips),
+        "warnings": part.words(plan).warnings(plan, clips, up) + turned_warnings(plan, part, clips),
     }
     if made and not clips:
         data["warnings"].append(f"{data['name']}: never shortens in the asset's range of motion: no wrinkle")

@@ -37,8 +37,6 @@ class Region(Protocol):
     border.
     """
 
-    __slots__ = ()
-
     @property
     def members(self) -> Ints:
         """(members,) sorted coarse triangles that the effect may deform."""

@@ -54,10 +54,10 @@ def test_a_line_says_where_players_cannot_show_what_the_bake_shows() -> None:
     crease: Any = SimpleNamespace(fold=SimpleNamespace(meshes_crossing_themselves=lambda *_: set()))
     errors = {"walk": PlayerError(0.01, 0.2), "wave": PlayerError(0.08, 0.2), "run": PlayerError(0.05, 0.2)}
     words, nothing = ContactWords(crease, ("armpit",), {}, (), errors), cast("Any", None)
-    (line,) = words.warnings(nothing, [], up="y")
+    (line,) = words.warnings(nothing, [], "y")
     assert "in 'wave', " in line
     assert line.endswith("are up to 40 % of its greatest move off, by 0.08")
-    assert not replace(words, player_errors={"walk": errors["walk"]}).warnings(nothing, [], up="y")
+    assert not replace(words, player_errors={"walk": errors["walk"]}).warnings(nothing, [], "y")
 
 
 @pytest.mark.slow

@@ -78,7 +78,7 @@ def test_contact_fades_in_frames_in_which_it_would_cross_more(tmp_path: Path) ->
     found = contact_effect(words, "crease_contact", [], ())
     assert isinstance(found.drive, Drive)
     assert found.drive.strengths == {"fold": 0.0}
-    lines = words.warnings(plan, [], up="y")
+    lines = words.warnings(plan, [], "y")
     assert left.degrees is not None
     beginning = f"crease: contact {left.reason} in 'fold' at {left.begin:.3g}"
     assert re.match(rf"{beginning}.* s, where joint_1 turns by {left.degrees[0]:.0f}.*: it fades out there; ", lines[0])

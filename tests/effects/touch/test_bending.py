@@ -18,7 +18,7 @@ from wrinklecli.character.rig import read_rig
 from wrinklecli.character.scene import deforming_nodes
 from wrinklecli.character.surface import influence_count
 from wrinklecli.drive.touch import EVERY, TouchDrive
-from wrinklecli.effects.touch.attach import _ASLANT, _turn, attach_touches
+from wrinklecli.effects.touch.attach import _ASLANT, _turn, attach_touch
 from wrinklecli.effects.touch.skin import Place, hold_of, slides_on
 from wrinklecli.gltf.document import read_document
 from wrinklecli.numeric.arrays import Floats, inverses, unit
@@ -40,7 +40,7 @@ def errors(asset: Path, spot: Json, clip: str, time: float) -> tuple[float, floa
     clips, (node, *_) = read_clips(document), deforming_nodes(document)
     settings = read_values({"version": 1, "touches": [spot]}, name="tools", known={})
     ground = read_ground(document, node, [], settings, clips)
-    (dragged,) = attach_touches(settings.effects, ground, settings)
+    dragged = attach_touch(settings.effects[0], ground, settings)
     fine = refine(
         ground.surface,
         ground.rest,

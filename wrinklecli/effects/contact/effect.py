@@ -111,9 +111,8 @@ class ContactWords:
         """Nothing."""
         return
 
-    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, _plan: MeshPlan, clips: Sequence[Seen], _up: str) -> list[str]:
         """A line about contact that is not wholly resolved, for the worst clip in each respect."""
-        assert up in ("y", "z")
         parts = self._clip_words()
         acting = [(motion.clip, motion.times[weights.any(axis=1)]) for motion, _, weights in clips]
         crossing = {node for clip, times in acting for node in self.crease.fold.meshes_crossing_themselves(clip, times)}

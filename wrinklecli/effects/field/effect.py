@@ -109,9 +109,8 @@ class FieldWords(BodyWords[AttachedField], Remixes):
             "time": significant(float(seen.motion.times[most]), 4),
         }
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], _up: str) -> list[str]:
         """Warnings about a field that nothing moves, and about joints for which it has no shapes."""
-        assert up in ("y", "z")
         attached, found = self.attached, []
         name, names = self.name, plan.rig.names
         if clips and not any(each.weights.any() for each in clips):

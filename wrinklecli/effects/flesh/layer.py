@@ -28,7 +28,6 @@ _LEAST_ERROR = 1e-6
 class FleshWords(BodyWords[AttachedFlesh]):
     """A region's words about itself."""
 
-    __slots__ = ()
     remedy = "`shapes: 3`"
 
     def values(self, names: Sequence[str]) -> Json:
@@ -53,9 +52,8 @@ class FleshWords(BodyWords[AttachedFlesh]):
             "seconds_at_limit": significant(seconds, 4),
         }
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], _up: str) -> list[str]:
         """Warnings about clips that hardly say how the region moves."""
-        assert up in ("y", "z")
         return self.attached.clip_warnings(plan.rig, [(motion.clip, weights) for motion, weights, _ in clips])
 
 

@@ -3,7 +3,7 @@
 Source: C. Larboulette, M.-P. Cani, B. Arnaldi, *Dynamic Skinning*, SCCG 2005.
 """
 
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from dataclasses import replace
 from typing import ClassVar
 
@@ -182,24 +182,18 @@ class AttachedMuscle(Attached[Muscle]):
         return _with_lows(displaced(self.belly, self.response, skin)[0], self.response.lows)
 
 
-def attach_muscles(
-    muscles: Sequence[Muscle], ground: Ground, swelling: Container[str | None] = ()
-) -> list[AttachedMuscle]:
-    """Attach every muscle of a mesh.
+def attach_muscle(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Container[str | None]) -> AttachedMuscle:
+    """Attach a muscle to a mesh.
 
     Args:
-        muscles: Those of the mesh.
+        muscle: It.
         ground: The mesh.
+        bones: Those of the mesh.
         swelling: The nodes of the file that have muscles: clothes among them swell with the skin below.
 
     Raises:
-        WrinkleError: Muscles do not fit, a line for each.
+        WrinkleError: It does not fit.
     """
-    bones = BoneLines.of(ground)
-    return BakeError.every(lambda muscle: _attach(muscle, ground, bones, swelling), muscles)
-
-
-def _attach(muscle: Muscle, ground: Ground, bones: BoneLines, swelling: Container[str | None]) -> AttachedMuscle:
     rig, rest = ground.rig, ground.rest
     places = asked_positions(rig, rest, muscle)
     span = float(np.linalg.norm(places[1] - places[0]))

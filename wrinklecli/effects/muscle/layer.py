@@ -12,13 +12,14 @@ from wrinklecli.character.pose import morph_weights
 from wrinklecli.drive.table import split
 from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes, moves_at_rest
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
-from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscles
+from wrinklecli.effects.muscle.attach import AttachedMuscle, attach_muscle
 from wrinklecli.effects.muscle.volume import SHORTEST
-from wrinklecli.errors import listed
+from wrinklecli.errors import BakeError, listed
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
 from wrinklecli.numeric.intersections import Crossings
+from wrinklecli.surface.bones import BoneLines
 from wrinklecli.surface.ground import Ground
 from wrinklecli.tools.body import Muscle
 from wrinklecli.tools.records import ToolsFile, in_words
@@ -98,7 +99,7 @@ class MuscleWords(BodyWords[AttachedMuscle]):
             "volume_gained": significant(float(volumes.max())),
         }
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], up: str) -> list[str]:
         """Warnings about a muscle that nothing moves, or that is asked to shorten further than it can."""
         attached, response, warnings = self.attached, self.attached.response, []
         if attached.idle:
@@ -241,7 +242,8 @@ class MuscleKind(EffectKind[Muscle, AttachedMuscle]):
         names = MeshNames.of(ground.document)
         muscles = [each for each in settings.effects if isinstance(each, Muscle)]
         swelling = {ground.rig.names[node] for tool in muscles for node in names.called(tool.node or "")}
-        return attach_muscles(tools, ground, swelling)
+        bones = BoneLines.of(ground)
+        return BakeError.every(lambda muscle: attach_muscle(muscle, ground, bones, swelling), tools)
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedMuscle]]) -> MuscleLayer:
         """Let the refined surface carry the muscles."""

@@ -145,16 +145,12 @@ class AttachedTouch(Attached[Touch]):
         return tallest or self.drive.grip
 
 
-def attach_touches(touches: Sequence[Touch], ground: Ground, settings: ToolsFile) -> list[AttachedTouch]:
-    """Attach every touch of a mesh.
+def attach_touch(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
+    """Attach a touch to a mesh.
 
     Raises:
-        WrinkleError: Touches do not fit, a line for each.
+        WrinkleError: It does not fit.
     """
-    return BakeError.every(lambda tool: _attach(tool, ground, settings), touches)
-
-
-def _attach(tool: Touch, ground: Ground, settings: ToolsFile) -> AttachedTouch:
     places, spacing = _places(tool, ground, settings)
     soft = _softness(tool, ground)
     grip, deepest = tool.grip.resolve(tool.pad), tool.press.resolve(tool.pad)

@@ -7,8 +7,8 @@ import numpy as np
 
 from wrinklecli.effects.body import BodyLayer, BodyWords, body_effect, body_shapes
 from wrinklecli.effects.effect import Effect, EffectKind, MeshPlan, Seen
-from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touches
-from wrinklecli.errors import counted
+from wrinklecli.effects.touch.attach import FOLDED, AttachedTouch, attach_touch
+from wrinklecli.errors import BakeError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, significant
@@ -28,7 +28,6 @@ _LEAST = 1e-3
 class TouchWords(BodyWords[AttachedTouch]):
     """A touch's words about itself."""
 
-    __slots__ = ()
     remedy = "`directions: 1`"
 
     def values(self, names: Sequence[str]) -> Json:
@@ -74,9 +73,8 @@ class TouchWords(BodyWords[AttachedTouch]):
             "depth": significant(float(depths.max()), 4),
         }
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], _up: str) -> list[str]:
         """Warnings about skin that folds, and about a touch that never acts."""
-        assert up in ("y", "z")
         warnings, drive = [], self.attached.drive
         if self.attached.strain < FOLDED:
             grip = drive.grip
@@ -145,7 +143,7 @@ class TouchKind(EffectKind[Touch, AttachedTouch]):
         Raises:
             WrinkleError: Touches do not fit, a line for each.
         """
-        return attach_touches(tools, ground, settings)
+        return BakeError.every(lambda tool: attach_touch(tool, ground, settings), tools)
 
     def plan(self, plan: MeshPlan, _ground: Ground, attached: Sequence[tuple[int, AttachedTouch]]) -> TouchLayer:
         """Let the refined surface carry the touches."""

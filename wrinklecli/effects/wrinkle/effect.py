@@ -212,7 +212,7 @@ class WrinkleWords:
         """The tool's entry in a clip, frame by frame."""
         return report.describe_activity(self.carried, self._activity(seen), seen.motion.clip)
 
-    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], *, up: str) -> list[str]:
+    def warnings(self, plan: MeshPlan, clips: Sequence[Seen], up: str) -> list[str]:
         """Warnings about the tool's place and activity."""
         every = [ClipActivity(each.motion.clip, each.motion.times, self._activity(each)) for each in clips]
         return tool_warnings(plan, self.carried, every, up=up)

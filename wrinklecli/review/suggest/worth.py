@@ -320,7 +320,7 @@ def _checked(placed: dict[str, Placement], seen: Callable[[str], list[Seen]]) ->
     warnings, needed = list[str](), 0.0
     for name, placement in placed.items():
         plan, part, own = placement.plan, placement.part, seen(name)
-        lines = part.words(plan).warnings(plan, own, up="y")
+        lines = part.words(plan).warnings(plan, own, "y")
         if part.attached.segment is not None:
             lines += departure_warnings(plan.fine, [part]) + turned_warnings(plan, part, own)
         if lines:
