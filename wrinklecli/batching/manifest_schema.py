@@ -83,6 +83,7 @@ JOB_KEYS: dict[str, Schema] = {
     ),
 }
 _INHERITED = {name: values for name, values in JOB_KEYS.items() if name not in OWN_KEYS}
+_DEFAULTS = {**mapping_of(_INHERITED), "type": ["object", "null"]}
 
 MANIFEST_SCHEMA: Schema = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -90,14 +91,9 @@ MANIFEST_SCHEMA: Schema = {
     **mapping_of(
         {
             "version": key_of(expects("1, the only version so far", const=1), "Version of this format. Required: 1."),
-            "defaults": key_of(
-                {**mapping_of(_INHERITED), "type": ["object", "null"]},
-                "What every job inherits where it does not say otherwise.",
-            ),
+            "defaults": key_of(_DEFAULTS, "What every job inherits where it does not say otherwise."),
             "profiles": key_of(
-                any_keys(
-                    {**mapping_of(_INHERITED), "type": ["object", "null"]}, "a mapping of profiles by their names"
-                ),
+                any_keys(_DEFAULTS, "a mapping of profiles by their names"),
                 "What every job inherits in place of defaults if --profile names it, such as mobile or desktop.",
             ),
             "include": key_of(

@@ -33,89 +33,73 @@ _MESHOPT_SHAPE: Json = {
     "mode": str,
     "filter": str,
 }
-_DRACO_SHAPE: Json = {"bufferView": "bufferViews", "attributes": {"*": int}}
+_PRIMITIVE: Json = {
+    "attributes": {"*": "accessors"},
+    "indices": "accessors",
+    "material": int,
+    "mode": int,
+    "targets": [{"*": "accessors"}],
+    "extensions": {DRACO: {"bufferView": "bufferViews", "attributes": {"*": int}}},
+}
 # The parts of a document that are read: objects by key (`*`: any), arrays by their items, or by how many numbers they
 # have, references by the array that they refer to, counts as int, and URIs as bytes. References to appearance may be
 # wrong, since a bake does not follow them, and converters that drop images leave such behind.
+_ITEMS: Json = {
+    "scenes": {"name": str, "nodes": ["nodes"]},
+    "nodes": {
+        "name": str,
+        "children": ["nodes"],
+        "mesh": "meshes",
+        "skin": "skins",
+        "camera": int,
+        "matrix": 16,
+        "translation": 3,
+        "rotation": 4,
+        "scale": 3,
+        "weights": [float],
+        "extensions": {
+            "EXT_mesh_gpu_instancing": {"attributes": {"*": "accessors"}},
+            "KHR_node_visibility": {"visible": bool},
+            "MSFT_lod": {"ids": ["nodes"]},
+        },
+    },
+    "meshes": {"name": str, "primitives": [_PRIMITIVE], "weights": [float]},
+    "skins": {"name": str, "joints": ["nodes"], "inverseBindMatrices": "accessors", "skeleton": int},
+    "animations": {
+        "name": str,
+        "channels": [{"sampler": int, "target": {"node": "nodes", "path": str}}],
+        "samplers": [{"input": "accessors", "output": "accessors", "interpolation": str}],
+    },
+    "accessors": {
+        "bufferView": "bufferViews",
+        "byteOffset": int,
+        "componentType": int,
+        "count": int,
+        "type": str,
+        "normalized": bool,
+        "sparse": {
+            "count": int,
+            "indices": {"bufferView": "bufferViews", "byteOffset": int, "componentType": int},
+            "values": {"bufferView": "bufferViews", "byteOffset": int},
+        },
+    },
+    "bufferViews": {
+        "buffer": "buffers",
+        "byteOffset": int,
+        "byteLength": int,
+        "byteStride": int,
+        "extensions": dict.fromkeys(MESHOPT, _MESHOPT_SHAPE),
+    },
+    "buffers": {"uri": bytes, "byteLength": int, "extensions": {name: {"fallback": bool} for name in MESHOPT}},
+    "images": {"name": str, "uri": bytes, "bufferView": "bufferViews", "mimeType": str},
+    **{name: {"name": str} for name in ("materials", "textures", "samplers", "cameras")},
+}
 _SHAPE: Json = {
     "asset": {"version": str},
     "extensionsUsed": [str],
     "extensionsRequired": [str],
     "scene": "scenes",
-    "scenes": [{"name": str, "nodes": ["nodes"]}],
-    "nodes": [
-        {
-            "name": str,
-            "children": ["nodes"],
-            "mesh": "meshes",
-            "skin": "skins",
-            "camera": int,
-            "matrix": 16,
-            "translation": 3,
-            "rotation": 4,
-            "scale": 3,
-            "weights": [float],
-            "extensions": {
-                "EXT_mesh_gpu_instancing": {"attributes": {"*": "accessors"}},
-                "KHR_node_visibility": {"visible": bool},
-                "MSFT_lod": {"ids": ["nodes"]},
-            },
-        }
-    ],
-    "meshes": [
-        {
-            "name": str,
-            "primitives": [
-                {
-                    "attributes": {"*": "accessors"},
-                    "indices": "accessors",
-                    "material": int,
-                    "mode": int,
-                    "targets": [{"*": "accessors"}],
-                    "extensions": {DRACO: _DRACO_SHAPE},
-                }
-            ],
-            "weights": [float],
-        }
-    ],
-    "skins": [{"name": str, "joints": ["nodes"], "inverseBindMatrices": "accessors", "skeleton": int}],
-    "animations": [
-        {
-            "name": str,
-            "channels": [{"sampler": int, "target": {"node": "nodes", "path": str}}],
-            "samplers": [{"input": "accessors", "output": "accessors", "interpolation": str}],
-        }
-    ],
-    "accessors": [
-        {
-            "bufferView": "bufferViews",
-            "byteOffset": int,
-            "componentType": int,
-            "count": int,
-            "type": str,
-            "normalized": bool,
-            "sparse": {
-                "count": int,
-                "indices": {"bufferView": "bufferViews", "byteOffset": int, "componentType": int},
-                "values": {"bufferView": "bufferViews", "byteOffset": int},
-            },
-        }
-    ],
-    "bufferViews": [
-        {
-            "buffer": "buffers",
-            "byteOffset": int,
-            "byteLength": int,
-            "byteStride": int,
-            "extensions": dict.fromkeys(MESHOPT, _MESHOPT_SHAPE),
-        }
-    ],
-    "buffers": [{"uri": bytes, "byteLength": int, "extensions": {name: {"fallback": bool} for name in MESHOPT}}],
-    "images": [{"name": str, "uri": bytes, "bufferView": "bufferViews", "mimeType": str}],
-    "materials": [{"name": str}],
-    "textures": [{"name": str}],
-    "samplers": [{"name": str}],
-    "cameras": [{"name": str}],
+    **{name: [item] for name, item in _ITEMS.items()},
 }
 # Keys of integers in parts that are not checked: appearance, expressions and bones of a VRM, levels of detail.
 _REFERENCES = frozenset(("index", "texCoord", "source", "sampler", "wrapS", "wrapT", "node", "mesh", "ids", "target"))

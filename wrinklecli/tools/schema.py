@@ -62,6 +62,14 @@ _LISTS = {
 
 # Materials that give no width, with which a tool needs its own.
 _WIDTHLESS = {"enum": [*(name for name, each in presets().items() if "width" not in each.keys), "none", None]}
+_GIVES_WIDTH = {
+    "type": "object",
+    "anyOf": [
+        {"required": ["width"]},
+        {"required": ["material"], "properties": {"material": {"not": _WIDTHLESS}}},
+    ],
+}
+_NEEDS_WIDTH = {"if": {"properties": {"material": _WIDTHLESS}}, "then": {"required": ["width"]}}
 # Without presets of its own, a file knows the built-in names alone.
 _MATERIAL = TOOL_KEYS["material"]
 _KNOWN = {"properties": {"material": {"enum": _MATERIAL["examples"], "errorMessage": _MATERIAL["errorMessage"]}}}
@@ -88,25 +96,8 @@ TOOLS_SCHEMA: Schema = {
         {"if": {"not": {"anyOf": [{"required": [name]} for name in KINDS]}}, "then": {"required": ["tools"]}},
         {
             # The width stands in the defaults, in each tool, or in a preset.
-            "if": {
-                "required": ["defaults"],
-                "properties": {
-                    "defaults": {
-                        "type": "object",
-                        "anyOf": [
-                            {"required": ["width"]},
-                            {"required": ["material"], "properties": {"material": {"not": _WIDTHLESS}}},
-                        ],
-                    }
-                },
-            },
-            "else": {
-                "properties": {
-                    "tools": {
-                        "items": {"if": {"properties": {"material": _WIDTHLESS}}, "then": {"required": ["width"]}}
-                    }
-                }
-            },
+            "if": {"required": ["defaults"], "properties": {"defaults": _GIVES_WIDTH}},
+            "else": {"properties": {"tools": {"items": _NEEDS_WIDTH}}},
         },
         {
             "if": {"not": {"required": ["presets"]}},
