@@ -19,19 +19,14 @@ from wrinklecli.effects.wrinkle.patch import Patch
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Floats, cross, unit, unit_quaternions
 
+_STIFF: tuple[Part, ...] = ("foot", "toes", "neck", "head", "spine", "chest", "shoulder")
 # Greatest turn of a joint from its stored pose, degrees: about as far as people bend it.
 _FARTHEST: Mapping[Part, float] = {
     "lower arm": 125.0,
     "lower leg": 115.0,
     "finger": 95.0,
     "hand": 70.0,
-    "foot": 60.0,
-    "toes": 60.0,
-    "neck": 60.0,
-    "head": 60.0,
-    "spine": 60.0,
-    "chest": 60.0,
-    "shoulder": 60.0,
+    **dict.fromkeys(_STIFF, 60.0),
 }
 # Other joints turn as far as a hip, degrees.
 _FARTHEST_OTHER = 105.0
