@@ -182,7 +182,7 @@ def drop_repeated(edited: EditedDocument, mesh: Json, refined_primitives: Sequen
     for refined in refined_primitives:
         for key, index in _vertex_accessors(mesh["primitives"][refined.index], refined) if len(refined.new) else ():
             if key in seen:
-                edited.drop(index)
+                edited.release(index)
             seen.add(key)
 
 

@@ -93,10 +93,7 @@ class Targets:
             frames = np.flatnonzero(played)
             if len(frames) and len(target.vertices):
                 moves = played[frames, None, None] * target.deltas.T
-                if len(frames) == len(weights):
-                    total[:, :, target.vertices] += moves
-                else:
-                    total[np.ix_(frames, np.arange(3), target.vertices)] += moves
+                total[np.ix_(frames, np.arange(3), target.vertices)] += moves
         return total
 
     def parts(self, ends: Sequence[int]) -> "Iterator[Targets]":

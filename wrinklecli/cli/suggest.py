@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -255,24 +255,11 @@ def _short(value: float) -> float:
 
 def _tables(found: "Suggestions") -> Iterator[tuple[list[list[str]], int]]:
     """For each kind of suggestions a table with a heading, and the number of its last columns that have numbers."""
-    fields = [
-        [
-            each.field.name,
-            each.mesh,
-            each.clip,
-            f"{each.time:.2f} s",
-            _percent(each.judgement),
-            f"{each.height:.3g}",
-            f"{each.wavelength:.3g}",
-            str(each.targets),
-            megabytes(each.gpu_bytes),
-        ]
-        for each in found.fields
-    ]
-    if fields:
-        yield [["field", "mesh", "clip", "at", "keep", "height", "wavelength", "targets", "on a GPU"], *fields], 6
+    if found.fields:
+        yield _rows(_FIELDS, found.fields), 6
     if found.tools:
-        yield _tool_rows(found.tools), 5
+        several = len({each.mesh for each in found.tools}) > 1
+        yield _rows({name: cell for name, cell in _TOOLS.items() if several or name != "mesh"}, found.tools), 5
     if found.guesses:
         # A muscle that no clip moves has fewer facts.
         names = dict.fromkeys(name for each in found.guesses for name in each.facts)
@@ -293,26 +280,34 @@ def _sided(name: str, mirrored: bool) -> str:
     return name + (" + mirror" if mirrored else "")
 
 
-def _tool_rows(tools: "tuple[Suggestion, ...]") -> list[list[str]]:
-    rows = [["tool", "mesh", "place", "of", "clip", "at", "keep", "shortens", "height", "on a GPU"]]
-    for each in tools:
-        rows.append(
-            [
-                _sided(each.tool.name, each.mirrored),
-                each.mesh,
-                each.words_of_both,
-                "" if each.substance is None else each.substance.kind,
-                each.clip,
-                f"{each.time:.2f} s",
-                _percent(each.judgement),
-                f"{100 * each.shortening:.0f} %",
-                f"{each.height:.2g}",
-                megabytes(each.gpu_bytes),
-            ]
-        )
-    if len({each.mesh for each in tools}) == 1:
-        rows = [row[:1] + row[2:] for row in rows]
-    return rows
+# By their headings, the columns of the tables of fields and tools: each gives the cell of one.
+_FIELDS: Mapping[str, Callable[[Any], str]] = {
+    "field": lambda each: each.field.name,
+    "mesh": lambda each: each.mesh,
+    "clip": lambda each: each.clip,
+    "at": lambda each: f"{each.time:.2f} s",
+    "keep": lambda each: _percent(each.judgement),
+    "height": lambda each: f"{each.height:.3g}",
+    "wavelength": lambda each: f"{each.wavelength:.3g}",
+    "targets": lambda each: str(each.targets),
+    "on a GPU": lambda each: megabytes(each.gpu_bytes),
+}
+_TOOLS: Mapping[str, Callable[[Any], str]] = {
+    "tool": lambda each: _sided(each.tool.name, each.mirrored),
+    "mesh": lambda each: each.mesh,
+    "place": lambda each: each.words_of_both,
+    "of": lambda each: "" if each.substance is None else each.substance.kind,
+    "clip": lambda each: each.clip,
+    "at": lambda each: f"{each.time:.2f} s",
+    "keep": lambda each: _percent(each.judgement),
+    "shortens": lambda each: f"{100 * each.shortening:.0f} %",
+    "height": lambda each: f"{each.height:.2g}",
+    "on a GPU": lambda each: megabytes(each.gpu_bytes),
+}
+
+
+def _rows(columns: Mapping[str, Callable[[Any], str]], items: Iterable[Any]) -> list[list[str]]:
+    return [[*columns], *([cell(each) for cell in columns.values()] for each in items)]
 
 
 def _say_table(rows: list[list[str]], numbers: int) -> None:

@@ -38,7 +38,7 @@ from wrinklecli.review.suggest.suggest import suggest
 from wrinklecli.tools.effective import EffectiveValue, effective_values, inherited_values
 from wrinklecli.tools.mirror import exchange_sides, numbered
 from wrinklecli.tools.read import read_values
-from wrinklecli.tools.records import EffectTool, ToolsFile, identifier, in_axes, with_axes
+from wrinklecli.tools.records import ToolsFile, identifier, in_axes, with_axes
 from wrinklecli.tools.schema import KINDS
 
 _KEPT_MEASURED = 4  # meshes whose measurements for first guesses are kept
@@ -502,7 +502,8 @@ class Session(Edits):
         settings = self._settings_of(step.file) if draft is None else draft.settings
         if not step.solo:
             return settings
-        return settings.only({each.name for each in settings.effects if _source_of(each) in step.solo})
+        sources = {each.name: exchange_sides(each.name) if each.mirrored else each.name for each in settings.effects}
+        return settings.only({name for name, source in sources.items() if source in step.solo})
 
     def _attached(self) -> AttachedTools:
         """Attach the current tools, quickly: refined if that was done already, else provisionally."""
@@ -523,8 +524,3 @@ class Session(Edits):
         if name == POSE:
             return self._pose_clip
         return None if name is None else clip_named(self.clips, name, where=self.asset)
-
-
-def _source_of(effect: EffectTool) -> str:
-    """The name of an effect in the file: of one that `mirror` made, that of the other side."""
-    return exchange_sides(effect.name) if effect.mirrored else effect.name

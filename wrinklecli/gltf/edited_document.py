@@ -97,7 +97,7 @@ class EditedDocument:
         if bounds:
             accessor["min"] = [column.min().item() for column in stored.T]
             accessor["max"] = [column.max().item() for column in stored.T]
-        slot = self._release(replaces)
+        slot = self.release(replaces)
         # Elements of vertex attributes begin at multiples of 4 bytes (glTF 2.0 §3.6.2.4).
         rows, stride = np.frombuffer(values.tobytes(), np.uint8).reshape(-1, stored.itemsize * stored.shape[1]), None
         if target == VERTEX_DATA and rows.shape[1] % ALIGNMENT:
@@ -125,7 +125,7 @@ class EditedDocument:
             return self._add_zeros(count, deltas.shape[1], bounds=bounds, replaces=replaces)
         if self._takes_less_sparse(vertices, count, deltas.shape[1]):
             accessor = self._zeros_accessor(count, deltas, bounds=bounds) | {"sparse": self._sparse(vertices, deltas)}
-            return self._place(accessor, self._release(replaces))
+            return self._place(accessor, self.release(replaces))
         dense = np.zeros((count, deltas.shape[1]), "<f4")
         dense[vertices] = deltas
         return self.add(dense, target=VERTEX_DATA, bounds=bounds, replaces=replaces)
@@ -180,7 +180,7 @@ class EditedDocument:
 
     def _add_zeros(self, count: int, components: int, *, bounds: bool, replaces: int | None) -> int:
         """Give the shared accessor of `count` zeros."""
-        freed = self._release(replaces)
+        freed = self.release(replaces)
         self._free_accessors += [] if freed is None else [freed]
         key = (count, components, bounds)
         if key not in self._zeros:
@@ -206,13 +206,9 @@ class EditedDocument:
         self.gltf["meshes"].append(copied)
         return len(self.gltf["meshes"]) - 1
 
-    def drop(self, accessor: int) -> None:
-        """Drop one reference to an accessor, which is not the last one."""
-        self._release(accessor)
-
     def discard(self, accessor: int, *, like: int) -> None:
         """Drop one reference to an accessor; after the last it is a copy of `like` until its index is used again."""
-        freed = self._release(accessor)
+        freed = self.release(accessor)
         if freed is not None:
             self._free_accessors.append(freed)
             self.gltf["accessors"][freed] = copy.copy(self.gltf["accessors"][like])
@@ -324,7 +320,7 @@ class EditedDocument:
         accessors[slot] = accessor | kept
         return slot
 
-    def _release(self, accessor_index: int | None) -> int | None:
+    def release(self, accessor_index: int | None) -> int | None:
         """Drop one reference to an accessor, and give its index if this was the last one."""
         if accessor_index is None:
             return None

@@ -126,8 +126,7 @@ class _Between:
         left = (kept[one] + kept[other]) / np.maximum(1 * (whole != 0.0)[one] + (whole != 0.0)[other], 1)
 
         def halfway(values: Floats) -> Floats:
-            between: Floats = (values[one] + values[other]) / 2.0
-            return between
+            return np.asarray((values[one] + values[other]) / 2.0)
 
         middles = placed(halfway(positions), unit(halfway(facing))).times(left)
         numbers = places_of(own, len(used), len(own))
