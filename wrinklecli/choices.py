@@ -8,6 +8,12 @@ from typing import Literal, TypeAlias, get_args
 FPS = 30.0
 """Frames per second where nobody asks for others."""
 
+MAX_LEVELS = 8
+"""Most times that an edge may be halved: the triangles under wrinkles are 65,536 then for one."""
+
+MAX_COMPRESSIBLE = 95
+"""Most per cent of a shortening that tissue may take itself: with all of it there are no wrinkles."""
+
 EFFECTS = {
     "muscles": ("muscle", "tools.body.Muscle"),
     "flesh": ("flesh", "tools.body.Flesh"),

@@ -5,7 +5,7 @@
 
 from typing import get_args
 
-from wrinklecli.choices import Engine, FrameFormat, Mode, Storage, Tracks
+from wrinklecli.choices import MAX_LEVELS, Engine, FrameFormat, Mode, Storage, Tracks
 from wrinklecli.numeric.memory import MAX_VERTICES
 from wrinklecli.tools.json_schema import (
     FLAG,
@@ -38,7 +38,7 @@ OPTION_KEYS: dict[str, Schema] = {
     "tool": key_of(_texts("a name or a list of names"), "Bake only these tools."),
     "fps": key_of(number(0.1, 1000), "Frames per second; overrides sampling.fps."),
     "max_error": key_of(LENGTH, "Refuse a file that is off by more.", default="1%"),
-    "max_levels": key_of(whole(0, 8), "Overrides refinement.max_levels; 0 does not refine."),
+    "max_levels": key_of(whole(0, MAX_LEVELS), "Overrides refinement.max_levels; 0 does not refine."),
     "edges_per_interval": key_of(whole(1, 16), "Overrides refinement.edges_per_interval."),
     "max_vertices": key_of(whole(0, 100_000_000), "Refuse tools that would add more.", default=MAX_VERTICES),
     "accessors": key_of(one_of(*get_args(Storage)), "Of morph targets.", default="sparse"),

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import click
 
+from wrinklecli.choices import MAX_LEVELS
 from wrinklecli.numeric.memory import MAX_MEMORY, MAX_VERTICES, default_memory, held, parse_bytes
 
 # Decorates a command's function, as `click.option(…)` does.
@@ -212,7 +213,7 @@ morph = valued(
     read=_weights,
     text="In place of clips, give this morph target a weight, such as browInnerUp=1. " + _ONE_POSE.format("--pose"),
 )
-max_levels = whole("--max-levels", bounds=(0, 8), text="Overrides refinement.max_levels; 0 does not refine.")
+max_levels = whole("--max-levels", bounds=(0, MAX_LEVELS), text="Overrides refinement.max_levels; 0 does not refine.")
 # Bytes; the process is held to them while the command runs.
 max_memory = valued(
     "--max-memory",

@@ -17,7 +17,7 @@ from wrinklecli.numeric.closest import nearest_of
 from wrinklecli.review.suggest.draft import WIDTH_OF_REGION
 from wrinklecli.review.suggest.measure import MeasuredMesh, clips_that_move
 from wrinklecli.review.suggest.shortening import Shortening, attached, greatest, shortenings_of, with_rising_bumps
-from wrinklecli.review.suggest.text import SLACK
+from wrinklecli.review.suggest.text import REST_LENGTH
 from wrinklecli.surface.compression import CompressedRegion, grow_region
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.path import Path
@@ -89,8 +89,7 @@ class ToolGuesser:
         region = self._region(patches[0].regions[0].path, deepest)
         if region is not None:
             width = float(np.clip(WIDTH_OF_REGION * region.width, _NARROWEST * span, _WIDEST * span))
-            slack = Length(100.0 - SLACK, percent=True)
-            tool = replace(tool, width=Length(significant(width, 2)), rest_length=slack, strategy="everywhere")
+            tool = replace(tool, width=Length(significant(width, 2)), rest_length=REST_LENGTH, strategy="everywhere")
         patches = attached(mesh, [tool])
         return with_rising_bumps(patches, [shortenings_of(mesh, patches[0])])[0] if patches else tool
 

@@ -12,7 +12,7 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.contacts import Neighbours
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.surface import influence_count
-from wrinklecli.choices import EFFECTS
+from wrinklecli.choices import EFFECTS, MAX_LEVELS
 from wrinklecli.effects.attached import AnyAttached, Attached
 from wrinklecli.effects.effect import EffectKind, MeshPlan, Part, ToolType
 from wrinklecli.errors import BakeError, WrinkleError, listed
@@ -247,8 +247,8 @@ def mesh_warnings(plan: MeshPlan, settings: ToolsFile, clips: Sequence[Clip]) ->
     if plan.fine.subdivision.limited:
         warnings.append(
             f"{where}: {plan.fine.subdivision.limited} edges are still too long for the wrinkles at max_levels"
-            f" {settings.refinement.max_levels} (a key of `refinement`): one more level, of 8 at most, halves them, and"
-            " fewer or longer bumps need none so short"
+            f" {settings.refinement.max_levels} (a key of `refinement`): one more level, of {MAX_LEVELS} at most,"
+            " halves them, and fewer or longer bumps need none so short"
         )
     return warnings
 

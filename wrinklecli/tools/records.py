@@ -14,6 +14,8 @@ from wrinklecli.choices import (
     CHANNELS,
     EFFECTS,
     FPS,
+    MAX_COMPRESSIBLE,
+    MAX_LEVELS,
     PARTS,
     PROFILES,
     Attachment,
@@ -220,7 +222,7 @@ class Sampling:
 class RefinementSettings:
     """The subdivision of the mesh under the wrinkles; in a draft, `edges_per_interval` may be a fraction."""
 
-    max_levels: int = key(whole(0, 8), "How often an edge is halved at most; 0 keeps the mesh. Default 4.", 4)
+    max_levels: int = key(whole(0, MAX_LEVELS), "How often an edge is halved at most; 0 keeps the mesh. Default 4.", 4)
     edges_per_interval: float = key(
         whole(1, 16), "Edges on each control interval, half a bump; more is smoother. Default 2.", 2
     )
@@ -612,7 +614,7 @@ class WrinkleTool(EffectTool):
         0.0,
     )
     compressible: float = key(
-        percentage(95, 95),
+        percentage(MAX_COMPRESSIBLE, MAX_COMPRESSIBLE),
         "Share of every shortening that the tissue takes itself; the rest makes wrinkles. Default 0%, or the "
         "material's.",
         "0%",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.choices import MAX_COMPRESSIBLE
 from wrinklecli.effects.effect import VISIBLE, MeshPlan
 from wrinklecli.effects.wrinkle.activity import ClipActivity
 from wrinklecli.effects.wrinkle.carry import CarriedPatch
@@ -75,7 +76,8 @@ def _clip_warnings(carried: CarriedPatch, clips: Sequence[ClipActivity]) -> list
         frame = int(share.argmax())
         fitting = fitting_compressible(patch.curve, ((each.seen.distances, each.seen.rest_lengths) for each in clips))
         percent = math.ceil(100.0 * fitting)
-        remedy = f"compressible: {percent}% has them reach it there" if percent <= 95 else "it is too low for so few"
+        fits = percent <= MAX_COMPRESSIBLE
+        remedy = f"compressible: {percent}% has them reach it there" if fits else "it is too low for so few"
         warnings.append(
             f"{where}: {100 * share[frame]:.2g} % of its length is not absorbed in {worst.clip.name} at"
             f" {worst.times[frame]:.3g} s: the bumps are at max_height before that; {remedy}"

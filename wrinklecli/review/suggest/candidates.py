@@ -24,6 +24,7 @@ from wrinklecli.numeric.processes import in_processes
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.surface.compression import (
+    REGION_LOSS,
     CompressedRegion,
     basins,
     grow_region,
@@ -41,10 +42,6 @@ from wrinklecli.tools.mirror import exchange_sides, split_side
 _MOST_REGIONS = 50
 # Least loss of a summit, and of a tool that a joint drives, as a part of the length: for less, nothing folds.
 LEAST_LOSS = 0.15
-# Least loss of a site in its basin, as a part of the summit's least loss.
-_BASIN_LOSS = 0.3
-# Part of the lost length above which joints alone explain the loss, so that a joint drives the region.
-_OF_JOINTS = 0.5
 # Least merit of the best joint; below, the joint with most of the region drives it.
 _LEAST_MERIT = 1e-3
 # Parts of a body of which several stand side by side.
@@ -181,7 +178,7 @@ class _Basins:
     def of(cls, mesh: MeasuredMesh, peaks: Peaks, parts: Sequence[Part | None]) -> "_Basins":
         """Find the basins of a mesh; `parts` are those of a body that nodes move."""
         sites = mesh.sites
-        summits = basins(peaks.losses, sites.near, LEAST_LOSS * _BASIN_LOSS)
+        summits = basins(peaks.losses, sites.near, LEAST_LOSS * REGION_LOSS)
         summits = _on_one_digit(summits, _digits(mesh, parts), peaks.losses, sites.positions)
         seeds = np.unique(summits[summits >= 0])
         seeds = seeds[peaks.losses[seeds] >= LEAST_LOSS]
@@ -282,12 +279,10 @@ def _driver_of(candidate: Candidate) -> tuple[str, bool]:
         first, second = (barycentrics @ now[mesh.gauge.triangles[triangle]] for triangle, barycentrics, _ in ends)
         return float(np.linalg.norm(second - first))
 
-    if len(moving):
-        rest_span = span(None, stored)
-        lost = rest_span - span(clip, weights)
-        if rest_span - span(clip, stored) <= _OF_JOINTS * lost:
-            alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
-            return rig.morph_names[moving[int(np.argmin(alone))]], True
+    # Morph targets shorten it more than joints do.
+    if len(moving) and span(None, weights) <= span(clip, stored):
+        alone = [span(None, np.where(np.arange(len(stored)) == k, weights, stored)) for k in moving]
+        return rig.morph_names[moving[int(np.argmin(alone))]], True
     shares = joint_weights(mesh, region)
     beyond = rig.joints_below @ shares
     merits = beyond * (1.0 - beyond)

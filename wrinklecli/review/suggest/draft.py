@@ -9,7 +9,7 @@ import numpy as np
 
 from wrinklecli.choices import Part
 from wrinklecli.review.suggest.candidates import Candidate
-from wrinklecli.review.suggest.text import SLACK
+from wrinklecli.review.suggest.text import REST_LENGTH
 from wrinklecli.tools.json_schema import readers_of
 from wrinklecli.tools.materials import Preset, preset_for
 from wrinklecli.tools.mirror import split_side
@@ -108,7 +108,7 @@ def tool_of(candidate: Candidate, name: str, width: float) -> WrinkleTool:
         **{
             **given,
             "width": Length(round(width, 1 - math.floor(math.log10(width)))),
-            "rest_length": "auto" if candidate.by_morph else Length(100.0 - SLACK, percent=True),
+            "rest_length": "auto" if candidate.by_morph else REST_LENGTH,
             # Bumps that rise one after another stand alone on either side of a joint until it is half bent.
             "strategy": "everywhere",
         },

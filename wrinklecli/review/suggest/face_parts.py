@@ -47,8 +47,6 @@ _LEAST_HEIGHT = 0.1
 _USUAL_MOUTH, _USUAL_BROWS = -1.1, 0.35
 # Greatest |x| of a face's middle over the distance of its eyes, and least |x| of its left, for a face on x = 0.
 _ON_PLANE, _SIDEWAYS = 0.05, 0.995
-# Part of the sites of a face that must have a mirror image.
-_SYMMETRIC = 0.8
 # Motions by which a mouth is found, the best first.
 _OF_MOUTH = (("mouthPucker",), ("mouthSmile", "mouthFrown"), ("jawOpen",))
 
@@ -154,7 +152,7 @@ def read_face(document: Document, rig: Rig, targets: Sequence[FaceTarget], node:
         up = middle - mouth.middle
     up = unit(up - (up @ left) * left)
     on_plane = abs(float(middle[0])) < _ON_PLANE * size and abs(float(left[0])) > _SIDEWAYS
-    symmetric = on_plane and float(sites_with_twins(sites).mean()) > _SYMMETRIC
+    symmetric = on_plane and bool(sites_with_twins(sites).any())
     if symmetric:
         left, middle = np.array([np.sign(left[0]), 0.0, 0.0]), middle * [0.0, 1.0, 1.0]
         up = unit(up * [0.0, 1.0, 1.0])

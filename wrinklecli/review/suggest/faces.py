@@ -37,9 +37,10 @@ from wrinklecli.review.suggest.face_targets import (
     read_face_targets,
 )
 from wrinklecli.review.suggest.fitted_tools import LEAST_BY_MORPH, Suggestion, suggestion_of
-from wrinklecli.review.suggest.measure import MOST_POSES
+from wrinklecli.review.suggest.measure import FEWEST_POSES, MOST_POSES
 from wrinklecli.review.suggest.place_names import PlaceName
 from wrinklecli.review.suggest.shortening import attached, attached_and_folded, shortenings_of, with_rising_bumps
+from wrinklecli.review.suggest.stage import SHOWN
 from wrinklecli.surface.compression import (
     FEWEST_SITES,
     REGION_FACING,
@@ -59,14 +60,10 @@ from wrinklecli.tools.records import Length, WrinkleTool
 _BUMP_HEIGHT = 0.1
 # Greatest length of a bump over the tool's width: lines are several times as long as they are wide.
 _BUMP_OF_WIDTH = 0.3
-# Poses of the motion of a target, which is even.
-_POSES = 5
 # Factor on the width of a tool that reaches lids or lips, and the part of its least width to which it goes.
 _NARROWER, _NARROWEST = 0.9, 0.7
 # Way by which it is moved off if that does not do, in distances of the eyes, and the most places tried.
 _MOVE, _MOVES = 0.08, 4
-# Greatest part of its height that a tool may have on a lid or a lip, where its bell has nearly faded.
-_FADED = 0.05
 # Greatest length of a tool, in distances of the eyes: lines of a face lie close together.
 _LONGEST = 0.5
 # Way up over the way aside across a furrow beside the mouth, which runs from the nose down to the mouth's corner,
@@ -152,7 +149,7 @@ def _motion(face: Face, region: FaceRegion, side: Side) -> Clip | None:
 
 def _fit(face: Face, region: FaceRegion, side: Side, together: Clip, clips: Sequence[Clip]) -> Suggestion | str:
     """The tool of a region on a side, or of a pair; or why there is none."""
-    mesh = replace(face.mesh, clips=(together,), times=(np.linspace(0.0, 1.0, _POSES),))
+    mesh = replace(face.mesh, clips=(together,), times=(np.linspace(0.0, 1.0, FEWEST_POSES),))
     compressed = _compressed(face, region, side, together)
     if compressed is None:
         return f"{together.name} compresses the skin there by less than {100 * LEAST_BY_MORPH:g} %"
@@ -286,7 +283,7 @@ def _fit_tool(
         return f"{name} hardly shortens the skin there"
     patches, shortenings = folded
     # A face moves in a tenth of a second.
-    counts = (int(np.clip(FPS * (clip.end - clip.start), _POSES, MOST_POSES)) for clip in clips)
+    counts = (int(np.clip(FPS * (clip.end - clip.start), FEWEST_POSES, MOST_POSES)) for clip in clips)
     times = (np.linspace(clip.start, clip.end, count) for clip, count in zip(clips, counts, strict=True))
     every = replace(mesh, clips=tuple(clips), times=tuple(times))
     also = [found | shortenings_of(every, patch) for patch, found in zip(patches, shortenings, strict=True)]
@@ -341,5 +338,5 @@ def _near_rims(face: Face, patch: Attached[WrinkleTool]) -> Floats | None:
     shares = region.share(u, v, region.cosines(u, sites.normals))
     # Teeth and the inside of lips lie under a patch and are none of its triangles.
     under = sites.gather[:, np.isin(sites.gauge.numbers, region.members)].sum(axis=1) > 0
-    reached = ~face.free & (shares > _FADED) & under
+    reached = ~face.free & (shares > SHOWN) & under
     return np.asarray(sites.positions[reached].mean(axis=0)) if reached.any() else None

@@ -11,8 +11,8 @@ from typing import TypeAlias
 import numpy as np
 
 from wrinklecli.character.clip import Clip
+from wrinklecli.choices import MAX_COMPRESSIBLE, Profile
 from wrinklecli.choices import Part as PartOfBody
-from wrinklecli.choices import Profile
 from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.effect import Part
 from wrinklecli.effects.plan import kind_of
@@ -24,7 +24,6 @@ from wrinklecli.review.suggest.draft import across_x, decimals, pair_of, renamed
 from wrinklecli.review.suggest.measure import MeasuredMesh
 from wrinklecli.review.suggest.score import left_out_without_all
 from wrinklecli.review.suggest.shortening import (
-    MOST_COMPRESSIBLE,
     Shortening,
     attached,
     attached_and_folded,
@@ -53,8 +52,8 @@ LEAST_BY_MORPH = 0.04
 _OF_RADIUS = 0.9
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
 _BARE_LIMBS: tuple[PartOfBody, ...] = ("lower arm", "hand", "lower leg", "finger", "toes")
-# Least and greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
-_RADII = (0.15, 1.5)
+# Greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
+_WIDEST = 1.5
 # Greatest |v| of a place well within a patch.
 _WITHIN = 0.8
 # Greatest distance of such a place from the patch over the patch's length or half width.
@@ -163,7 +162,7 @@ class Suggestion(Suggested):
 
     def mended(self, compressible: float) -> "Suggestion | None":
         """The same with that `compressible`, or else the first of the others, beside which the rest may be tried."""
-        if self.tool.compressible < compressible <= MOST_COMPRESSIBLE / 100.0:
+        if self.tool.compressible < compressible <= MAX_COMPRESSIBLE / 100.0:
             return replace(self, tool=replace(self.tool, compressible=compressible))
         if not self.others:
             return None
@@ -336,13 +335,12 @@ def _limb_radius(candidate: Candidate) -> float | None:
     extent = max(region.length, region.width)
     place, normal = rest.foot((candidate.origin + candidate.target) / 2.0)
     corners = rest.positions[rest.triangles]
-    corners = corners[near_points(corners, place[None], 2.0 * _RADII[1] * extent)]
+    corners = corners[near_points(corners, place[None], 2.0 * _WIDEST * extent)]
     start = 1e-3 * extent  # beyond the triangle that the place lies on
     found = distances_along(place - start * normal, -normal, corners)
     # Clothes may have an inner side, so the opposite one is the farthest.
-    found = found[np.isfinite(found) & (found < 2.0 * _RADII[1] * extent)]
-    radius = float(found.max(initial=0.0)) / 2.0
-    return radius if _RADII[0] * extent < radius else None
+    found = found[np.isfinite(found) & (found < 2.0 * _WIDEST * extent)]
+    return float(found.max()) / 2.0 if len(found) else None
 
 
 # A candidate with refined ends; its straight tool, and that tool's greatest shortening, None if none attaches.

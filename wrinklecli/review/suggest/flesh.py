@@ -35,8 +35,6 @@ LEAST_VERTICES = 5
 _LIMIT = 8.0
 # Its frequency in hertz.
 _FREQUENCY = 6.0
-# Least way of a ray over the body's size: a bone that lies on the skin has no flesh.
-_OWN = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +195,7 @@ def _fitted(
     clothes: Container[str],
 ) -> Guess | str:
     """A region where a ray meets the skin, with clothes over it by name, or the line that says why there is none."""
-    if not _OWN * size < depth < np.inf:
+    if depth == np.inf:
         return f"{called}: left out, as there is no skin where it would be"
     region = Flesh(
         name=called,

@@ -45,8 +45,6 @@ LEAST_BENT = 0.02
 _OF_FIELDS = 0.9
 # Most that folds are widened to take less memory: they still look like those of the material.
 _WIDEST = 1.5
-# Part of the surface round a place from which on the place lies on a garment, whose field wrinkles it.
-_MOSTLY = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -184,7 +182,8 @@ def beside_garments(
     found = {id(peaks): peaks for _, peaks in meshes}
     for mesh, peaks in meshes:
         if id(mesh.gauge.surface) in cloth:
-            on = mesh.sites.gather @ cloth[id(mesh.gauge.surface)] > _MOSTLY
+            # The field wrinkles a place round which most of the surface is the garment's.
+            on = mesh.sites.gather @ cloth[id(mesh.gauge.surface)] > 0.5
             found[id(peaks)] = replace(peaks, losses=np.where(on, 0.0, peaks.losses))
     return [(mesh, found[id(peaks)]) for mesh, peaks in meshes]
 

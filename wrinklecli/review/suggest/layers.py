@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Hashable, Iterator, Sequence
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -10,9 +10,6 @@ from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import moving_nodes
 from wrinklecli.character.scene import ScenePrimitive
 from wrinklecli.numeric.arrays import Floats
-
-# Most posed layers in memory: those of a character are posed once in each pose.
-_KNOWN_LAYERS = 32
 
 
 class Layers:
@@ -39,7 +36,7 @@ class Layers:
         self._moving = [moving_nodes(each.rig) for each in self._layers]
         self._moment: tuple[Clip, float] | None = None
         self._boxes: dict[int, Floats] = {}
-        self._posed = lru_cache(_KNOWN_LAYERS)(self._pose)
+        self._posed = cache(self._pose)
         self._stored_box = cache(lambda number: _box(_corners(self._layers[number], None, 0.0)))
 
     def near(self, clip: Clip, time: float, low: Floats, high: Floats, *, node: int) -> Iterator[Floats]:

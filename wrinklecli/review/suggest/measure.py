@@ -29,12 +29,11 @@ from wrinklecli.tools.records import ToolsFile
 MOST_POSES = 200
 # Triangles times poses of all clips and meshes, measured in two to three seconds. For more, poses are further apart ...
 _MOST_WORK = 3_000_000
-# ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take 4 s, and 7 s with 9 poses.
-_FEWEST_POSES = 5
+# ... but each clip has at least this number of poses: 76 clips of 30,000 triangles take 4 s, and 7 s with 9 poses. One
+# that goes from one key to another has no more: it folds most at one of its ends, or hardly less.
+FEWEST_POSES = 5
 # Least number of poses of a clip in which a tool's shortening is measured, which takes next to nothing.
 _FEWEST_LENGTHS = 25
-# Poses of a clip that goes from one key to another: it folds most at one of its ends, or hardly less.
-_POSES_OF_TWO_KEYS = 4
 # Bytes of a triangle with its vertices, and of its measurement in a pose.
 _TRIANGLE_BYTES = 1000
 # Triangles times poses beyond which an asset is refused, as measuring it would take minutes.
@@ -207,7 +206,7 @@ def _pose_counts(
     """The number of poses to look at, by the clip's index; fewer for large meshes and clips."""
     wanted = {
         clip.index: min(
-            _POSES_OF_TWO_KEYS if max(len(channel.times) for channel in clip.channels) <= 2 else MOST_POSES,
+            FEWEST_POSES if max(len(channel.times) for channel in clip.channels) <= 2 else MOST_POSES,
             (clip.end - clip.start) * fps + 1.0,
         )
         for clip in clips
@@ -220,7 +219,7 @@ def _pose_counts(
         return sum(count * counts[index] for index, count in strained)
 
     thinner = min(1.0, _MOST_WORK / max(work(wanted), 1.0))
-    counts = {index: max(min(_FEWEST_POSES, round(n)), math.floor(thinner * n), 1) for index, n in wanted.items()}
+    counts = {index: max(min(FEWEST_POSES, round(n)), math.floor(thinner * n), 1) for index, n in wanted.items()}
     if work(counts) > _TOO_MUCH_WORK:
         raise BakeError(
             f"has {work(counts):.3g} triangles times poses to measure; at once {_TOO_MUCH_WORK:,} may be:"

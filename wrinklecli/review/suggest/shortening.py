@@ -9,6 +9,7 @@ import numpy as np
 from wrinklecli.character.carried import pose_carriers_in
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig, moving_nodes
+from wrinklecli.choices import MAX_COMPRESSIBLE
 from wrinklecli.drive.segment import Segment
 from wrinklecli.effects.attached import Attached
 from wrinklecli.effects.plan import attach_one
@@ -22,9 +23,7 @@ from wrinklecli.tools.records import Length, RestLengthMorph, WrinkleTool
 _MOST_KNOWN_ROWS = 500_000
 # Per cent added to `compressible`: between the poses looked at, a clip may fold a little further.
 _SPARE = 1
-# Most per cent of `compressible` that a file may have.
-MOST_COMPRESSIBLE = 95
-# Factor by which bumps grow until `compressible` is no more than that.
+# Factor by which bumps grow until a file may have the `compressible` that they need.
 _HIGHER = 1.1
 # Per cent of its rest distance by which a tool is longer at weight 1 of its morph target: multiples of the first, up to
 # the last. Skin between brows hardly shortens and yet has lines, so the weight makes them.
@@ -149,7 +148,7 @@ def with_rising_bumps(
     width = segment_of(patches[0]).rest_length.constant / patches[0].tool.bumps
     usual = patches[0].tool.bump_height
     height = usual if height is None else height
-    while (percent := _needed_percent(patches, shortenings, height)) > MOST_COMPRESSIBLE:
+    while (percent := _needed_percent(patches, shortenings, height)) > MAX_COMPRESSIBLE:
         height *= _HIGHER
     tools = [replace(each.tool, compressible=percent / 100.0) for each in patches]
     if height != usual:

@@ -29,8 +29,8 @@ from wrinklecli.numeric.intersections import Crossings, sides_of
 from wrinklecli.review.suggest.layers import Layers
 from wrinklecli.surface.ground import Ground
 
-# Part of a tool's greatest displacement above which a vertex is on its place.
-_LEAST = 0.05
+# Part of a tool's greatest displacement above which a vertex is on its place; below, wrinkles have nearly faded.
+SHOWN = 0.05
 # Reach of what is near a place over the greatest side of its box: what is further off hides it only from afar.
 _NEAR = 3.0
 # Edges that begin to cross, over the square root of the place's edges, which is how many a line across it meets, from
@@ -88,7 +88,7 @@ class Placement:
     @cached_property
     def shown(self) -> Ints:
         """(vertices,) those of them that it moves so far that they are on its place."""
-        return self.moved[self.part.shares > _LEAST]
+        return self.moved[self.part.shares > SHOWN]
 
     @cached_property
     def mesh(self) -> SkinnedMesh:

@@ -19,6 +19,8 @@ _USUAL = RefinementSettings()
 # Shortening without wrinkles, per cent of the rest distance, for a tool that a joint drives: clips rarely return to the
 # stored pose, and 1 % is visible.
 SLACK = 5
+# The rest length that this gives a tool over the distance of its ends.
+REST_LENGTH = Length(100.0 - SLACK, percent=True)
 # What stands above each list.
 _COMMENTS: Mapping[str, str] = {
     "fields": """\
@@ -29,7 +31,7 @@ _COMMENTS: Mapping[str, str] = {
 # as bumps. Where folds turn it is a path. Positions are those of the stored pose, in scene units, Y up. Best
 # first: move the ends, try other widths and numbers of bumps.
 defaults:
-  rest_length: {100 - SLACK}%     # slack: the first {SLACK} % of shortening make no wrinkles
+  rest_length: {REST_LENGTH.value:g}%     # slack: the first {SLACK} % of shortening make no wrinkles
   max_height: auto     # the material's, which compressible has bumps reach in the deepest fold
 """,
     "muscles": """\
@@ -43,7 +45,7 @@ defaults:
 # (grip) and where the slide ends (reach) are guesses: look at each in a preview, and change or delete it.""",
 }
 # The defaults that this gives tools.
-_DEFAULTS: Mapping[str, Any] = {"rest_length": Length(100.0 - SLACK, percent=True), "max_height": "auto"}
+_DEFAULTS: Mapping[str, Any] = {"rest_length": REST_LENGTH, "max_height": "auto"}
 # Characters of a line of a list.
 _LONGEST = 100
 # Keys that are written even where they have their defaults, as people try other values of these first.

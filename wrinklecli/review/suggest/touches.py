@@ -19,7 +19,7 @@ from wrinklecli.character.moved import Motions
 from wrinklecli.character.pose import node_matrices
 from wrinklecli.character.rig import Hierarchy, read_hierarchy
 from wrinklecli.character.skin import SkinnedMesh
-from wrinklecli.choices import Part
+from wrinklecli.choices import MAX_LEVELS, Part
 from wrinklecli.effects.plan import attach_one
 from wrinklecli.errors import WrinkleError
 from wrinklecli.gltf.document import Document
@@ -36,8 +36,6 @@ from wrinklecli.tools.yaml_tree import printable
 
 # A tip touches where its middle is at most so many of its radii from other skin: animators leave a gap.
 _TOUCHES = 1.3
-# Weight of a joint from which on the skin counts as its own.
-_OWN = 0.5
 # Part of a last bone's length, from its end, round which a tip's radius is measured.
 _END = 0.5
 # Parts of an arm, the innermost first: what lies below the first that there is cannot be reached by its own fingers.
@@ -51,8 +49,6 @@ _SAFE = 0.95
 _REACH, _BUMPS = 150.0, 4
 # Of the distances of a tip's skin from its axis, the part that is at most the radius: the end is round.
 _ROUND = 0.75
-# Levels of refinement that may be asked for.
-_MOST_LEVELS = 8
 # What to do where nothing is found.
 _BY_HAND = "a touch may name any node in `by`, or key its slide in `keys`, and `wrinkle edit` draws one with two clicks"
 
@@ -304,7 +300,7 @@ def refinement_for(touches: Sequence[Entry], document: Document) -> RefinementSe
     """The least levels of refinement with which rings have vertices enough."""
     usual = RefinementSettings()
     own = tuple(each.effect for each in touches)
-    settings = ToolsFile(path=document.path, effects=own, refinement=replace(usual, max_levels=_MOST_LEVELS))
+    settings = ToolsFile(path=document.path, effects=own, refinement=replace(usual, max_levels=MAX_LEVELS))
     plans = plan_meshes(job_of(document, settings, BakeOptions(), Motions(range_of_motion=False)))
     levels = max(plan.fine.subdivision.levels for plan in plans)
     return replace(usual, max_levels=max(levels, usual.max_levels))
