@@ -1,4 +1,4 @@
-"""Work in processes gives what it gives here, in the same order."""
+"""Work in processes and threads gives what it gives here, in the same order."""
 
 import os
 import subprocess
@@ -6,16 +6,40 @@ import sys
 import time
 from itertools import islice
 from signal import SIGKILL
+from threading import get_ident
 
+import numpy as np
 import pytest
 
-from wrinklecli.numeric.processes import core_count, in_processes
+from wrinklecli.numeric import processes
+from wrinklecli.numeric.processes import core_count, in_processes, in_threads
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 8])
 def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
     assert list(in_processes(lambda number: number**2, [3, 1, 2], jobs)) == [9, 1, 4]
     assert list(in_processes(lambda number: number, [], jobs)) == []
+
+
+def test_threads_give_results_in_order_and_numpy_is_as_strict_there() -> None:
+    assert in_threads(lambda number: number**2, [3, 1, 2]) == [9, 1, 4]
+    assert in_threads(str, []) == []
+    with np.errstate(over="raise"), pytest.raises(FloatingPointError):
+        in_threads(lambda number: np.float64(number) * 1e308, [0.0, 10.0])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_threads_of_processes_share_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    def own_thread(_: int) -> int:
+        time.sleep(0.1)
+        return get_ident()
+
+    def count(_: int) -> int:
+        return len(set(in_threads(own_thread, range(2))))
+
+    monkeypatch.setattr(processes, "core_count", lambda: 2)
+    assert count(0) == 2
+    assert list(in_processes(count, [0, 1], 2)) == [1, 1]
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

@@ -1,12 +1,13 @@
-"""Independent pieces of work in processes, which begin as copies of this one.
+"""Independent pieces of work in threads, and in processes, which begin as copies of this one.
 
-Processes and not threads, as the libraries of contact keep Python's lock.
+Threads share what they read, and suit work on long arrays; most else, as the libraries of contact, keeps Python's lock.
 """
 
 import io
 import os
 import pickle
 from collections.abc import Callable, Generator, Sequence
+from contextvars import copy_context
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,11 +24,27 @@ _Result = TypeVar("_Result")
 _NUMBER = 8
 # Most items for several processes: their numbers are all written ahead into a pipe, which holds 16 kB everywhere.
 _MOST_ITEMS = 2**14 // _NUMBER
+# Processes, this one among them, that share the cores.
+_sharing = 1
 
 
 def core_count() -> int:
     """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item]) -> list[_Result]:
+    """Give the function's result for each item, in the order of the items, worked out on this process's share of cores.
+
+    Numpy leaves Python's lock to others while it works on an array. All threads have ended when this returns, so the
+    process may copy itself.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    # How numpy treats overflow is part of a context, which one thread alone can be in.
+    contexts = [copy_context() for _ in items]
+    with ThreadPoolExecutor(max(core_count() // _sharing, 1)) as threads:
+        return list(threads.map(lambda context, item: context.run(function, item), contexts, items))
 
 
 def in_processes(
@@ -110,6 +127,8 @@ def _work(
     count: int,
 ) -> None:
     """Work items out in one of `count` processes, until none is left."""
+    global _sharing
+    _sharing *= count
     share(count)
     with one_thread():
         while task := os.read(tasks, _NUMBER):

@@ -5,7 +5,7 @@ through a triangle, in a place where the skin alone has fewer of these. A field'
 skin, so this always has an answer.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -31,6 +31,7 @@ from wrinklecli.numeric.arrays import (
     runs,
 )
 from wrinklecli.numeric.intersections import Crossings, crossing, edges_of
+from wrinklecli.numeric.processes import in_threads
 from wrinklecli.surface.ground import Ground
 from wrinklecli.surface.refine import Refinement
 
@@ -82,8 +83,9 @@ def lowering(attached: AttachedField, ground: Ground, fine: Refinement, heights:
     # What is lowered again and again becomes level, so this ends.
     while looked:
         lowered, marked, found = left * heights, np.zeros(heights.shape), []
-        for look, row in zip(looked, weights[[each.pose for each in looked]] @ lowered, strict=True):
-            faults = look.faults(row)
+        rows = weights[[each.pose for each in looked]] @ lowered
+        seen = in_threads(lambda pair: pair[0].faults(pair[1]), [*zip(looked, rows, strict=True)])
+        for look, faults in zip(looked, seen, strict=True):
             if len(faults):
                 # What is level may be at fault by what is beside it.
                 acting = weights[look.pose][:, None] * slopes.around(faults, lowered)
@@ -244,15 +246,15 @@ class _Posed:
         return still, np.einsum("abv,bv->av", blended[:, :3], ways)
 
 
-def _turning(surface: _Posed, raised: Floats, slopes: _Slopes) -> Iterator[_Look]:
+def _turning(surface: _Posed, raised: Floats, slopes: _Slopes) -> list[_Look]:
     """The looks at triangles: only near those that the whole field turns over in a pose."""
-    found = [_turned(surface, pose, heights > 0).faults(heights) for pose, heights in enumerate(raised)]
+    every = range(len(raised))
+    found = in_threads(lambda pose: _turned(surface, pose, raised[pose] > 0).faults(raised[pose]), every)
     # What is lowered for these may turn others.
     faults, level = slopes.beside(distinct_values(np.concatenate(found))), np.ones((1, raised.shape[1]))
     reached = slopes.below(level, faults, np.zeros((1, len(faults))))[0] < 1.0
-    for pose, heights in enumerate(raised):
-        if (reached & (heights > 0)).any():
-            yield _turned(surface, pose, reached & (heights > 0))
+    inside = reached & (raised > 0)
+    return in_threads(lambda pose: _turned(surface, pose, inside[pose]), np.flatnonzero(inside.any(axis=1)).tolist())
 
 
 def _turned(surface: _Posed, pose: int, inside: Bools) -> _Look:
@@ -294,16 +296,19 @@ def _sums(faces: list[Floats], triangles: Ints, count: int) -> Floats:
     return np.array([np.bincount(at, np.repeat(each, 3), count) for each in faces])
 
 
-def _crossing(surface: _Posed, raised: Floats, counting: Bools) -> Iterator[_Look]:
+def _crossing(surface: _Posed, raised: Floats, counting: Bools) -> list[_Look]:
     """The looks at crossings of which some (poses, vertices) count: at what may cross between skin and whole field."""
     triangles, every = surface.fine.triangles, np.arange(raised.shape[1])
     apart = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     trees = Crossings.of(surface.fine.rest_positions, triangles[apart])
-    for pose in np.flatnonzero(counting.any(axis=1)).tolist():
+
+    def look(pose: int) -> _Look:
         still, ways = surface.at(pose, every)
         pairs = trees.may_cross(still.T, (still + ways * raised[pose]).T, counting[pose])
         vertices, pairs = _numbered(pairs, len(every))
-        yield _crossed(pose, vertices, still[:, vertices], ways[:, vertices], pairs.astype(np.int32))
+        return _crossed(pose, vertices, still[:, vertices], ways[:, vertices], pairs.astype(np.int32))
+
+    return in_threads(look, np.flatnonzero(counting.any(axis=1)).tolist())
 
 
 def _crossed(pose: int, vertices: Ints, still: Floats, ways: Floats, pairs: Ints) -> _Look:
