@@ -9,6 +9,8 @@ Sources: F. Knöppel, K. Crane, U. Pinkall, P. Schröder, *Stripe Patterns on Su
 B. Merriman, J. Bence, S. Osher, *Diffusion Generated Motion by Mean Curvature*, 1992 (diffuse, then restore).
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from wrinklecli.frozen import dataclass
@@ -16,6 +18,7 @@ from wrinklecli.numeric.arrays import TINY, Floats, Ints
 from wrinklecli.numeric.drawn import drawn
 from wrinklecli.numeric.elements import factorised
 from wrinklecli.numeric.laplacian import side_weights, vertex_areas
+from wrinklecli.numeric.processes import in_threads
 
 # Lengths of the diffusion, in wavelengths, and rounds over each: one joins regions, the other makes forks sharp.
 _LONG, _SHARP, _TIMES = 3.0, 0.5, 8
@@ -62,19 +65,17 @@ class Sides:
         across = (steps**2).mean(axis=0) / np.maximum(np.sum(way**2, axis=1), TINY)
         return cls(ends, weights, turns, signs, np.maximum(1.0 - across, 0.0) ** 2)
 
-    def diffused(self, psi: Floats, times: int, weights: Floats, masses: Floats) -> Floats:
-        """(vertices, 2) ψ made as long as 1, then diffused, so many times.
+    def diffusion(self, weights: Floats, masses: Floats) -> Callable[[Floats], Floats]:
+        """A function that makes (vertices, 2) ψ as long as 1, then diffuses it.
 
         Args:
-            psi: (vertices, 2) ψ before.
-            times: How often.
             weights: (sides,) factors of the weights of sides.
             masses: (vertices,) how much each place keeps its ψ.
         """
         import scipy.sparse as sparse
 
         a, b = self.ends.T
-        count, weights = len(psi), weights * self.weights
+        count, weights = len(masses), weights * self.weights
         cosine, sine = np.cos(self.turns), np.sin(self.turns)
         turned = -weights * np.array([[cosine, -sine], [self.signs * sine, self.signs * cosine]])
         rows, columns, values = [], [], []
@@ -88,10 +89,8 @@ class Sides:
         diagonal = np.arange(2 * count)
         places = (np.concatenate([*rows, diagonal]), np.concatenate([*columns, diagonal]))
         form = sparse.csc_array((np.concatenate([*values, whole]), places), shape=(2 * count, 2 * count))
-        factors = factorised(form, relax=1)
-        for _ in range(times):
-            psi = factors.solve(masses * _restored(psi).reshape(-1)).reshape(-1, 2)
-        return np.asarray(psi)
+        solve = factorised(form, relax=1).solve
+        return lambda psi: np.asarray(solve(masses * _restored(psi).reshape(-1)).reshape(-1, 2))
 
     @property
     def waves(self) -> Floats:
@@ -131,13 +130,12 @@ def phases(sides: Sides, positions: Floats, triangles: Ints, trust: Floats, wave
     a, b = sides.ends.T
     trusted = np.sqrt(trust[a] * trust[b]) + _LEAST_TRUST
     areas = vertex_areas(positions, triangles)
-    found = _drawn_at(positions, wavelength, seed)
-    for length, times, weights, masses in (
-        (_LONG, _TIMES, trusted, areas * (trust + _LEAST_TRUST)),
-        (_SHARP, _TIMES, trusted, areas * (trust + _LEAST_TRUST)),
-        (_FOLD, 1, sides.crests, areas),
-    ):
-        found = sides.diffused(found, times, (length * wavelength) ** 2 / 4.0 * weights, masses)
+    kept, found = areas * (trust + _LEAST_TRUST), _drawn_at(positions, wavelength, seed)
+    steps = [(_LONG, trusted, kept), (_SHARP, trusted, kept), (_FOLD, sides.crests, areas)]
+    once_each = in_threads(lambda step: sides.diffusion((step[0] * wavelength) ** 2 / 4.0 * step[1], step[2]), steps)
+    for diffused, times in zip(once_each, (_TIMES, _TIMES, 1), strict=True):
+        for _ in range(times):
+            found = diffused(found)
     return found
 
 
