@@ -49,7 +49,7 @@ def quaternions_of(turns: Floats) -> Floats:
 
 
 def posed_rigidly(positions: Floats, joints: Ints, weights: Floats, parts: tuple[Floats, Floats]) -> Floats:
-    """(vertices, 3) positions moved by blended dual quaternions, with (vertices, influences) joints and weights."""
+    """(…, vertices, 3) positions moved by blended dual quaternions, with (vertices, influences) joints and weights."""
     real, dual = parts
     heaviest = np.take_along_axis(joints, np.argmax(weights, axis=1)[:, None], axis=1)
     ways = np.where(np.sum(real[joints] * real[heaviest], axis=2) < 0, -weights, weights)
@@ -121,9 +121,8 @@ class Gauges:
 
 
 def along(tensors: Floats, one: Floats, other: Floats) -> Floats:
-    """(…,) products one · T · other of (…, 6) symmetric tensors and (…, 3) vectors."""
-    (a, b, c), (p, q, r) = np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0)
-    xx, yy, zz, xy, yz, zx = np.moveaxis(tensors, -1, 0)
+    """(n,) products one · T · other of (n, 6) symmetric tensors and (n, 3) vectors."""
+    (a, b, c), (p, q, r), (xx, yy, zz, xy, yz, zx) = one.T, other.T, tensors.T
     mixed = (a * q + b * p) * xy + (b * r + c * q) * yz + (c * p + a * r) * zx
     return np.asarray(a * p * xx + b * q * yy + c * r * zz + mixed)
 

@@ -238,10 +238,10 @@ class _Surface:
         own = distinct_values(self.sheet.triangles[triangles])
         used, joints = np.unique(self.joints[own], return_inverse=True)
         parts = rigid_parts(pose[used], self.rest.to_bind[used])
-        places, ends = self.sheet.positions.copy(), self.sheet.positions + self.rest.normals
-        for found in (places, ends):
-            found[own] = posed_rigidly(found[own], joints.reshape(-1, self.joints.shape[1]), self.weights[own], parts)
-        return places, ends - places
+        found = np.stack([self.sheet.positions, self.sheet.positions + self.rest.normals])
+        joints = joints.reshape(-1, self.joints.shape[1])
+        found[:, own] = posed_rigidly(found[:, own], joints, self.weights[own], parts)
+        return found[0], found[1] - found[0]
 
     def strains(self, places: Floats, outward: Floats | None, triangles: Ints) -> Floats:
         """(vertices, 6) integrals of the strains at (vertices, 3) places; others than these triangles have none."""
