@@ -5,7 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, count, islice, takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 
 from wrinklecli.character.clip import Channel, Clip, read_clips
@@ -15,6 +15,7 @@ from wrinklecli.errors import AssetError, counted, listed, nearest
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import files_of
+from wrinklecli.gltf.references import unused_name
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Floats, Ints
 from wrinklecli.numeric.guard import guarded
@@ -73,10 +74,8 @@ def read_anims(document: Document, paths: Sequence[str | os.PathLike[str]]) -> A
             for clip in of_asset:
                 # A name that no clip has yet: its own, that of its file, or one with a number.
                 stem = Path(anim.path).stem
-                names = [clip.name, stem if len(found) == 1 else f"{stem} {clip.name}"]
-                name = next(
-                    each for each in chain(names, (f"{names[1]} {number}" for number in count(2))) if each not in taken
-                )
+                other = stem if len(found) == 1 else f"{stem} {clip.name}"
+                name = clip.name if clip.name not in taken else unused_name(other, taken, " ")
                 if name != clip.name:
                     notes.append(f"{anim.path}: its clip {clip.name!r} is {name!r} here, as that name is taken")
                 taken.add(name)

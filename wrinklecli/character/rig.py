@@ -7,7 +7,6 @@ Source: glTF 2.0 specification, §3.5 (nodes), §3.7.3 (skins).
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import field, replace
-from itertools import chain, count
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ from wrinklecli.errors import AssetError, BakeError, unknown
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import has_target_names, target_count
 from wrinklecli.gltf.document import Document
+from wrinklecli.gltf.references import unused_name
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Bools, Floats, Ints, affine_rows, composed_rows, unit_quaternions
 
@@ -164,12 +164,7 @@ def _node_names(nodes: Sequence[Json]) -> tuple[str, ...]:
 def free_names(nodes: Sequence[Json]) -> Callable[[int], str]:
     """A function that gives a name for a node by its number, which no node has."""
     taken = {node.get("name") for node in nodes}
-
-    def free(index: int) -> str:
-        names = chain([f"node_{index}"], (f"node_{index}_{again}" for again in count(2)))
-        return next(name for name in names if name not in taken)
-
-    return free
+    return lambda index: unused_name(f"node_{index}", taken)
 
 
 def read_rig(document: Document, node: int, hierarchy: Hierarchy | None = None) -> Rig:

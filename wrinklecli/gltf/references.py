@@ -3,7 +3,8 @@
 Source: glTF 2.0 specification, §3.6; EXT_meshopt_compression and KHR_draco_mesh_compression.
 """
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
+from itertools import chain, count
 from typing import Any
 
 from wrinklecli.gltf.shape import COMPRESSIONS, DRACO, MESHOPT, Json
@@ -97,6 +98,12 @@ def drop_extensions(gltf: Json, gone: set[str]) -> None:
             gltf[key] = [name for name in gltf[key] if name not in gone]
             if not gltf[key]:
                 del gltf[key]
+
+
+def unused_name(name: str, taken: Container[str | None], between: str = "_") -> str:
+    """A name, or else the name with the least number from 2 on, that is not taken."""
+    names = chain([name], (f"{name}{between}{number}" for number in count(2)))
+    return next(each for each in names if each not in taken)
 
 
 def view_span(view: Json) -> tuple[int, int]:

@@ -6,7 +6,6 @@ Source: glTF 2.0 §3.7.2 (meshes), §3.7.2.2 (morph targets), §3.11 (animation)
 import copy
 import re
 from collections.abc import Iterable, Sequence
-from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from wrinklecli.errors import BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import EXTENSION, channels_of, has_target_names, pointer_of
 from wrinklecli.gltf.edited_document import INDEX_DATA, VERTEX_DATA, EditedDocument, index_type
+from wrinklecli.gltf.references import unused_name
 from wrinklecli.gltf.shape import Json
 from wrinklecli.numeric.arrays import Ints, places_of, renumbered
 
@@ -199,9 +199,7 @@ def _named(made: Json, number: int, others: Iterable[Json]) -> Json:
     if not isinstance(made.get("name"), str):
         return made
     taken = {str(each.get("name")) for each in others}
-    name = f"{made['name']}_part{number}"
-    names = chain([name], (f"{name}_{again}" for again in count(2)))
-    return made | {"name": next(each for each in names if each not in taken)}
+    return made | {"name": unused_name(f"{made['name']}_part{number}", taken)}
 
 
 def _follow(edited: EditedDocument, node: int, part: int, targets: Sequence[int]) -> None:
