@@ -85,6 +85,13 @@ class WrinkleError(Exception):
             raise problems[0] if len({str(each) for each in problems}) == 1 else cls.of_all(problems)
         return found
 
+    @classmethod
+    def unless_known(cls, what: str, asked: Iterable[str], known: Collection[str], *, where: str) -> None:
+        """Raise an error, in the words of `unknown`, for the first name asked for that is not known."""
+        for name in asked:
+            if name not in known:
+                raise cls(unknown(what, name, known), where=where)
+
 
 class ConfigError(WrinkleError):
     """The tools file is at fault."""

@@ -393,9 +393,7 @@ def _node_of(tool: EffectTool, document: Document, names: MeshNames, key: str = 
 def _overridden(settings: ToolsFile, options: BakeOptions) -> ToolsFile:
     """The tools file with the options that override it."""
     names = [tool.name for tool in settings.effects]
-    for name in options.only:
-        if name not in names:
-            raise ConfigError(unknown("no enabled tool is named", name, names), where=settings.path)
+    ConfigError.unless_known("no enabled tool is named", options.only, names, where=settings.path)
     chosen = settings.only(options.only) if options.only else settings
     if not chosen.effects:
         raise ConfigError("no tool is enabled", where=settings.path)

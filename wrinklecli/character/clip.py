@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from wrinklecli.character.rig import LARGEST, TRANSFORM_DEFAULTS, Rig, in_range, moving_nodes, stored_weights
-from wrinklecli.errors import AssetError, BakeError, unknown
+from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import Animated, Channels, target_count
 from wrinklecli.gltf.document import Document
@@ -291,8 +291,7 @@ def _joined_weights(parts: Sequence[tuple[Animated, Channel]], stored: Floats) -
 def clip_named(clips: Sequence[Clip], name: str, *, where: str) -> Clip:
     """Find the clip of a name, or raise AssetError; `where` is the asset's path."""
     names = [clip.name for clip in clips]
-    if name not in names:
-        raise AssetError(unknown("has no clip", name, names), where=where)
+    AssetError.unless_known("has no clip", [name], names, where=where)
     return clips[names.index(name)]
 
 

@@ -105,9 +105,7 @@ def _raised(document: Document, weights: Mapping[str, float]) -> list[Channel]:
     """Make the channels of all meshes that have one of the morph targets."""
     rigs = _rigs(document)
     known = dict.fromkeys(name for rig in rigs for name in rig.morph_names)
-    for name in weights:
-        if name not in known:
-            raise AssetError(unknown("has no morph target", name, known), where=document.path)
+    AssetError.unless_known("has no morph target", weights, known, where=document.path)
     channels = []
     for rig in rigs:
         numbers = {number: weights[name] for number, name in enumerate(rig.morph_names) if name in weights}

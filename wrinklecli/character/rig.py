@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from wrinklecli.errors import AssetError, BakeError, unknown
+from wrinklecli.errors import AssetError, BakeError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.animated import has_target_names, target_count
 from wrinklecli.gltf.document import Document
@@ -121,8 +121,7 @@ class Rig(Hierarchy):
         Raises:
             BakeError: The mesh has none.
         """
-        if name not in self.morph_names:
-            raise BakeError(unknown("the mesh has no morph target", name, self.morph_names), where=where)
+        BakeError.unless_known("the mesh has no morph target", [name], self.morph_names, where=where)
         return self.morph_names.index(name)
 
     @property

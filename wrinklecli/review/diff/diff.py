@@ -14,7 +14,7 @@ from wrinklecli.character.clip import read_clips
 from wrinklecli.character.pose import joint_matrices
 from wrinklecli.character.scene import read_scene
 from wrinklecli.choices import FPS
-from wrinklecli.errors import AssetError, TooMuchError, counted, unknown
+from wrinklecli.errors import AssetError, TooMuchError, counted
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document, read_document
 from wrinklecli.gltf.images import read_image
@@ -194,9 +194,7 @@ def _refuse_unknown(clips: Sequence[str], documents: tuple[Document, Document], 
     """Check that each clip is in one of the documents."""
     if clips:
         names = list(dict.fromkeys(clip.name for document in documents for clip in read_clips(document)))
-        for name in clips:
-            if name not in names:
-                raise AssetError(unknown("have no clip", name, names), where=where)
+        AssetError.unless_known("have no clip", clips, names, where=where)
 
 
 def _have_same_content(a: Document, b: Document) -> bool:

@@ -20,7 +20,7 @@ from wrinklecli.drive.stored import read_number, read_numbers
 from wrinklecli.drive.touch import TouchDrive, TouchPlace
 from wrinklecli.effects.effect import VISIBLE, MeshPlan, Part
 from wrinklecli.effects.sampling import moving_clips, seen_at
-from wrinklecli.errors import AssetError, TooMuchError, unknown
+from wrinklecli.errors import AssetError, TooMuchError
 from wrinklecli.frozen import dataclass
 from wrinklecli.gltf.document import Document
 from wrinklecli.gltf.shape import Json
@@ -191,9 +191,7 @@ def baked_peaks_of(asset: ShownAsset, names: Sequence[str], clips: Sequence[Clip
     if not peaks:
         raise AssetError("has no wrinkles to show", where=where)
     known = [peak.name for peak in peaks]
-    for name in names:
-        if name not in known:
-            raise AssetError(unknown("has no tool", name, known), where=where)
+    AssetError.unless_known("has no tool", names, known, where=where)
     return [peak for peak in peaks if not names or peak.name in names]
 
 
