@@ -44,12 +44,8 @@ from wrinklecli.tools.yaml_tree import printable
 
 # Profile whose furrows are as wide as its bumps, so that they turn over last.
 _WIDE_FURROWS: Profile = "smooth"
-# Least score of a candidate, as a part of the best one's.
-_LEAST_SCORE = 0.02
 # Least shortening of a tool that a morph target drives, as a part of its length: lines of a face need less than folds.
 LEAST_BY_MORPH = 0.04
-# Greatest half width of a path over the radius of its sharpest bend.
-_OF_RADIUS = 0.9
 # Limbs whose bare skin creases at the joint, over a length as great as the limb is thick. Cloth folds farther away.
 _BARE_LIMBS: tuple[PartOfBody, ...] = ("lower arm", "hand", "lower leg", "finger", "toes")
 # Greatest radius of a limb over the length or the width of its compressed region: else it is no limb.
@@ -174,10 +170,8 @@ def fit_tools(candidates: Sequence[Candidate]) -> Iterator[Suggestion]:
     """Fit tools to candidates, best first, each when it is asked for."""
     of_sides = (each.mesh for each in candidates if each.mesh.node is not None and split_side(each.mesh.node)[1])
     search = _Search({exchange_sides(mesh.node or ""): mesh for mesh in of_sides})
-    order, placed = sorted(candidates, key=lambda each: -each.score), list[Region]()
-    for candidate in order:
-        if candidate.score < _LEAST_SCORE * order[0].score:
-            break
+    placed = list[Region]()
+    for candidate in sorted(candidates, key=lambda each: -each.score):
         if any(_covers(region, candidate.region.centre, candidate.region.normal) for region in placed):
             continue
         fitted = search.fitted(candidate)
@@ -391,7 +385,8 @@ def _curved(refined: _Refined) -> Candidate:
     path = None if wide is None else wide.regions[0].path
     if not isinstance(path, Curve):
         return candidate
-    curved = replace(curved, widest=2.0 * _OF_RADIUS * path.sharpest[0])
+    # Beyond the radius of its sharpest bend, the flanks of a path lie on one another.
+    curved = replace(curved, widest=2.0 * path.sharpest[0])
     _, patch, best = _measured(curved)
     return candidate if patch is None or best is None or best.ratio < _least_shortening(candidate) else curved
 
