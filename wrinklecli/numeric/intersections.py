@@ -86,12 +86,14 @@ class Crossings:
             (crossings,) edges and (crossings,) the triangles that they pass through, sorted by edge, then triangle.
             Pairs that only touch or share a vertex do not count.
         """
-        edges, triangles = self._split(positions, *self._near(_Boxes.of(positions, positions, counting)))
-        crosses = _turn_alike(positions.T, self.edges.T.take(edges, axis=1), self.triangles.T.take(triangles, axis=1))
-        crossing = np.stack([edges, triangles], axis=1)[crosses]
-        edges, triangles = crossing[np.lexsort(crossing.T[::-1])].T
-        counts = slice(None) if counting is None else counting[self._corners(edges, triangles)].any(axis=1)
-        return edges[counts], triangles[counts]
+        edges, triangles = self._near(_Boxes.of(positions, positions, counting))
+        corners = self._corners(edges, triangles)
+        crosses = crossing(np.ascontiguousarray(positions.T), corners[:, :2], corners[:, 2:])
+        if counting is not None:
+            crosses &= any_of(counting, corners)
+        edges, triangles = edges[crosses], triangles[crosses]
+        order = np.lexsort((triangles, edges))
+        return edges[order], triangles[order]
 
     def vertices_at(self, positions: Floats, counting: Bools | None = None) -> Bools:
         """(vertices,) True for the vertices of edges and triangles that cross at (vertices, 3) positions.
@@ -148,21 +150,6 @@ class Crossings:
             meeting = _meeting(_codes(each.around(self.edges, len(self.edges))), codes, edges, leaves)
             edges, leaves = edges.take(meeting), leaves.take(meeting)
         return edges, self.leaves.take(leaves)
-
-    def _split(self, positions: Floats, edges: Ints, triangles: Ints) -> tuple[Ints, Ints]:
-        """The pairs of (pairs,) edges and (pairs,) triangles with an end of the edge on each side of the triangle."""
-        places = positions.T
-        ends = [places.take(corners, axis=1) for corners in self.edges.T]
-        a, b, c = (places.take(corners, axis=1) for corners in self.triangles.T)
-        normals = np.stack(cross(b - a, c - a))
-        found = []
-        for part in portions(len(edges), 4):
-            some, through = edges[part], triangles[part]
-            corner, normal = ([row.take(through) for row in rows] for rows in (a, normals))
-            one, two = (dot([row.take(some) - at for row, at in zip(end, corner, strict=True)], normal) for end in ends)
-            found.append(part.start + np.flatnonzero(((one < 0) & (two > 0)) | ((one > 0) & (two < 0))))
-        split = np.concatenate([np.zeros(0, np.intp), *found])
-        return edges.take(split), triangles.take(split)
 
 
 def _apart(some: Ints, others: Ints) -> Ints:

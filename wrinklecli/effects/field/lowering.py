@@ -127,11 +127,10 @@ def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Boo
     drive, rig, nodes = replace(attached.drive, strengths={}, strength=1.0), ground.rig, sorted(attached.drive.nodes)
     moments = [(clip, np.linspace(clip.start, clip.end, _MOMENTS)) for clip in ground.clips]
     # All clips are measured at once, as of a character without any, hundreds of motions are looked at.
-    rows = zip(*(node_rows(rig, clip, times, nodes) for clip, times in moments), strict=True)
-    known = {
-        node: np.concatenate([np.broadcast_to(each, (3, 4, _MOMENTS)) for each in own], axis=2)
-        for node, own in zip(nodes, rows, strict=False)
-    }
+    rows = [np.zeros((len(nodes), 3, 4, 0))]
+    for clip, times in moments:
+        rows.append(np.stack([np.broadcast_to(each, (3, 4, _MOMENTS)) for each in node_rows(rig, clip, times, nodes)]))
+    known = dict(zip(nodes, np.concatenate(rows, axis=3), strict=True))
     read = drive.reader(rig, None)(np.zeros(_MOMENTS * len(moments)), known)
     every = np.concatenate([drive.weights(None, read), weights_of(sweeps, factors.turns, factors.tables)])
     of_clips = np.arange(len(every)) < len(every) - len(sweeps.matrices)
