@@ -13,7 +13,7 @@ const KINDS = {
   ...{ tools: wrinkleWeights, fields: fieldWeights, folds: foldWeights },
 };
 /** The layout of the extras that this driver reads; extras that name none have layout 1. */
-export const LAYOUT = 2;
+export const LAYOUT = 3;
 /** Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most. */
 const LEFT = 0.001;
 const MOST_ROUNDS = 100;

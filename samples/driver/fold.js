@@ -22,7 +22,11 @@ export function foldWeights(foldExtras, jointMatrixOf, { clip } = {}) {
   return sums.map((sum) => (strength * sum) / whole);
 }
 
-/** The weights of a field's morph targets: those of its turns, one after the other. */
-export function fieldWeights({ turns, strengths, strength }, jointMatrixOf, how) {
-  return turns.flatMap((turn) => foldWeights({ ...turn, strengths, strength }, jointMatrixOf, how));
+/** The weights of a field's morph targets: roots of the sums of the squares, with signs, that its turns have, at most 1. */
+export function fieldWeights({ turns, targets, strengths, strength = 1 }, jointMatrixOf, { clip } = {}) {
+  const sums = targets.map(() => 0);
+  for (const turn of turns) {
+    foldWeights(turn, jointMatrixOf).forEach((weight, k) => (sums[turn.raises[k]] += weight * Math.abs(weight)));
+  }
+  return sums.map((sum) => (strengths?.[clip] ?? strength) * Math.sqrt(Math.min(Math.max(sum, 0), 1)));
 }

@@ -348,7 +348,7 @@ def test_a_body_without_wrinkles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "value",
-    [None, {}, {"layout": 2}, {"layout": 2, "tools": [{}]}, {"layout": 2, "tools": [{"name": "x", "origin": 3}]}],
+    [None, {}, {"layout": 3}, {"layout": 3, "tools": [{}]}, {"layout": 3, "tools": [{"name": "x", "origin": 3}]}],
 )
 def test_extras_that_are_not_ours(value: object, tmp_path: Path) -> None:
     editor = Editor(Gltf(bake_config("trousers", "trousers").path))
@@ -627,7 +627,7 @@ def test_parts_without_skin_move_as_their_node_does(
     ("layout", "said"),
     [
         ({}, "has the layout 1 of an older `wrinkle`: bake it again from its source"),
-        ({"layout": 3}, "has the layout 3 of a newer `wrinkle`, and this one reads layout 2"),
+        ({"layout": 4}, "has the layout 4 of a newer `wrinkle`, and this one reads layout 3"),
     ],
 )
 def test_extras_of_another_layout_are_refused(layout: Json, said: str, tmp_path: Path) -> None:

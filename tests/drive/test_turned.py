@@ -58,6 +58,22 @@ def test_each_turn_has_rows_of_its_own(rig: Rig, clips: list[Clip]) -> None:
     assert bent[:, :2] == pytest.approx(0.0, abs=1e-6)
 
 
+def test_turns_raise_targets_together(rig: Rig, clips: list[Clip]) -> None:
+    """Both turns are at 50° in the clip: squares add up, those of parts below 0 count against them, to 1 at most."""
+    fold, _ = clips
+    parts = [[0.6, 0.3, 0.9, 0.2], [0.5, -0.2, 0.8, -0.4]]
+    turns = [
+        {**TURNS[0], "angles": [0.0, 0.5], "weights": [[0.0] * 4, row], "raises": raises}
+        for row, raises in zip(parts, ([0, 1, 2, 3], [3, 2, 1, 0]), strict=True)
+    ]
+    drive = read({"name": "n", "turns": turns, "targets": ["a", "b", "c", "d"]}, rig)
+    wanted = np.sqrt([0.36 - 0.16, 0.09 + 0.64, 0.81 - 0.04, 0.04 + 0.25])
+    assert drive.weights_in(rig, fold)(np.ones(1))[0] == pytest.approx(wanted, abs=1e-6)
+    one = {**turns[0], "weights": [[0.0] * 4, [1.0, 2.0, -1.0, 0.0]]}
+    most = read({"name": "n", "turns": [one, one], "targets": ["a", "b", "c", "d"]}, rig)
+    assert most.weights_in(rig, fold)(np.ones(1))[0] == pytest.approx([1.0, 1.0, 0.0, 0.0], abs=1e-6)
+
+
 @settings(max_examples=5)
 @given(st.lists(st.lists(st.integers(0, 999), min_size=2, max_size=4), min_size=1, max_size=4), st.integers(0, 200))
 def test_a_drive_is_read_as_it_was_written(columns: list[list[int]], percent: int) -> None:
@@ -65,7 +81,12 @@ def test_a_drive_is_read_as_it_was_written(columns: list[list[int]], percent: in
     path = sleeve_with_turns().path
     rig, (fold, wave) = read_rig(read_document(path), 0), read_clips(read_document(path))
     turns = [
-        {**TURNS[k % 3], "angles": np.linspace(-1.0, 1.0, len(rows)).tolist(), "weights": [[x / 1000] for x in rows]}
+        {
+            **TURNS[k % 3],
+            "angles": np.linspace(-1.0, 1.0, len(rows)).tolist(),
+            "weights": [[x / 1000] for x in rows],
+            "raises": [k],
+        }
         for k, rows in enumerate(columns)
     ]
     data = {
@@ -105,7 +126,10 @@ def changed(**keys: Any) -> Any:
         {**FIELD, "turns": []},
         {**FIELD, "turns": "joint_1"},
         {**FIELD, "targets": ["a", "b", "c", "d"]},
-        {**FIELD, "targets": ["a", "b", "c", "d", "e", "f"]},
+        changed(raises=[0, 5]),
+        changed(raises=[0, 0]),
+        changed(raises=[0]),
+        changed(raises=["a", 0]),
         changed(weights=[[0.0], [0.1], [0.6], [1.0]]),
         changed(weights=[[0.0, 0.0], [0.1, 0.9], [0.6, 0.7]]),
         changed(weights=[[0.0, 0.0], [0.1, 0.9], [0.6], [1.0, 0.0]]),

@@ -57,6 +57,7 @@ TURNS: list[Json] = [
         "axis": [0.0, 0.0, 1.0],
         "angles": [0.0, 0.2, 0.5, 0.8],
         "weights": [[0.0, 0.0], [0.1, 0.9], [0.6, 0.7], [1.0, 0.0]],
+        "raises": [0, 1],
     },
     {
         "joint": "joint_1",
@@ -65,6 +66,7 @@ TURNS: list[Json] = [
         "axis": [0.0, 1.0, 0.0],
         "angles": [-0.3, 0.0, 0.4],
         "weights": [[0.5], [0.0], [1.0]],
+        "raises": [2],
     },
     {
         "joint": "joint_2",
@@ -73,6 +75,7 @@ TURNS: list[Json] = [
         "axis": [0.0, 0.0, 1.0],
         "angles": [0.2, 1.9],
         "weights": [[0.0, 0.2], [1.0, 0.3]],
+        "raises": [3, 4],
     },
 ]
 
@@ -82,6 +85,6 @@ def sleeve_with_turns() -> Gltf:
     """The sleeve as after a bake of a field with these turns, whose targets are its own."""
     asset = sleeve(morphs=5)
     drive = {"name": "folds", "turns": TURNS, "strengths": {"fold": 0.5}, "strength": 0.8}
-    entry = {"layout": 2, "method": 5, "tools": [], "fields": [{**drive, "targets": [f"morph_{k}" for k in range(5)]}]}
+    entry = {"layout": 3, "method": 5, "tools": [], "fields": [{**drive, "targets": [f"morph_{k}" for k in range(5)]}]}
     asset.gltf["nodes"][0]["extras"] = {"wrinkle": entry}
     return Gltf(place(asset))

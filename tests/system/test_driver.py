@@ -293,8 +293,8 @@ def test_the_driver_says_what_it_does_not_find(tmp_path: Path) -> None:
     assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(parts=["limb_part2"])) == [
         'wrinkle: limb: there is no part "limb_part2"'
     ]
-    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=3)) == [
-        "wrinkle: limb: its extras have layout 3, and this driver reads 2: "
+    assert said(lambda gltf: gltf["nodes"][0]["extras"]["wrinkle"].update(layout=4)) == [
+        "wrinkle: limb: its extras have layout 4, and this driver reads 3: "
         "bake its source again, or take its version's driver"
     ]
     assert said(lambda gltf: gltf["nodes"][0].pop("extras")) == [

@@ -28,7 +28,8 @@ Sections of the extras are played in the order of `EFFECTS`: anchors may move wi
   Besides angles there may be rows of clips, `paths`, by the whole turn of the joint, and where another joint folds the
   surface, too, by its turn as well: see `Path`.
 - Flesh has `modes`, springs that follow a joint: see `drive.swing`.
-- A field has `turns`, joint angles, each with its own rows of weights; its targets are theirs, in their order.
+- A field has `turns`, joint angles, each with rows of weights for the targets whose places it `raises`. Those of all
+  turns act as `turned.together` says.
 - A touch has `windows`, directions of the rings of wrinkles round it: see `drive.touch`.
 - `strengths` are factors on the weights in some clips; `strength` is the factor in all others. Weights are 0 where any
   of the targets `own` is not: these belong to one clip alone, which drives them itself.
@@ -68,7 +69,7 @@ if TYPE_CHECKING:
     from wrinklecli.drive.touch import TouchDrive
     from wrinklecli.drive.turned import TurnDrive
 
-LAYOUT = 2
+LAYOUT = 3
 """The version of these keys, 1 in extras without the key `layout`; no other version is read."""
 
 _Reading = TypeVar("_Reading", covariant=True)

@@ -28,14 +28,23 @@ class TurnsSeen(NamedTuple):
         return self.angles[0].active
 
 
+def together(parts: Sequence[Floats] | Floats) -> Floats:
+    """(…,) weights by (turns, …) parts: the root of the sum of their squares, less those of parts below 0, at most 1.
+
+    Lengths that turns take from cloth add up, those that they give it count against them, and heights go with the root.
+    """
+    squares = np.sum([each * np.abs(each) for each in parts], axis=0)
+    return np.asarray(np.sqrt(np.clip(squares, 0.0, 1.0)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnDrive(BaseDrive):
     """Turns of joints that give the weights of morph targets.
 
     Attributes:
         name: The field's name.
-        turns: Each joint's angle, and the weights of its targets against it.
-        targets: Names of the targets, turn by turn.
+        turns: Each joint's angle, and the parts of weights of all targets against it, which act `together`.
+        targets: Names of the targets.
         strengths: By clip, factors on the weights.
         strength: The factor in all other clips.
     """
@@ -62,7 +71,7 @@ class TurnDrive(BaseDrive):
         """(frames, targets) weights at measurements in a clip."""
         strength = self.strength if clip is None else self.strengths.get(clip.name, self.strength)
         tables = [table.weights(seen) for (_, table), seen in zip(self.turns, reading.angles, strict=True)]
-        return np.asarray(strength * np.concatenate(tables, axis=1))
+        return strength * together(tables)
 
     def why_flat(self, _rig: Rig, clip: Clip, _times: Floats) -> str:
         """Why a field makes no wrinkle in a clip."""
@@ -72,11 +81,10 @@ class TurnDrive(BaseDrive):
 
     def of_targets(self, kept: Bools) -> "TurnDrive":
         """The drive of some of its (targets,) alone; turns without any are left out."""
-        ends = np.cumsum([table.table.shape[1] for _, table in self.turns])[:-1]
         turns = tuple(
-            (signal, replace(table, table=table.table[:, flags]))
-            for (signal, table), flags in zip(self.turns, np.split(kept, ends), strict=True)
-            if flags.any()
+            (signal, replace(table, table=table.table[:, kept]))
+            for signal, table in self.turns
+            if table.table[:, kept].any()
         )
         return replace(self, turns=turns, targets=tuple(compress(self.targets, kept)))
 
@@ -89,10 +97,17 @@ class TurnDrive(BaseDrive):
         """The drive as extras store it, by the names of all nodes."""
         return {
             "name": self.name,
-            "turns": [{**signal.to_json(names), **table.to_json()} for signal, table in self.turns],
+            "turns": [_turn_json(signal, table, names) for signal, table in self.turns],
             **strengths_json(self.strengths, self.strength),
             "targets": list(self.targets),
         }
+
+
+def _turn_json(signal: JointAngle, table: Table, names: Sequence[str]) -> Json:
+    """A turn as extras store it, with the targets that it raises alone."""
+    acts = table.table.any(axis=0)
+    own = np.flatnonzero(acts | ~acts.any())
+    return {**signal.to_json(names), **replace(table, table=table.table[:, own]).to_json(), "raises": own.tolist()}
 
 
 def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
@@ -101,13 +116,17 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
     Raises:
         KeyError, TypeError, ValueError: The extras are not what `bake` writes.
     """
-    turns = []
+    turns, targets = [], tuple(str(name) for name in data["targets"])
     for each in data["turns"]:
-        table = read_table(each, len(each["weights"][0]))
-        if not isinstance(table, Table) or table.by != "angles" or table.paths:
+        own = [int(place) for place in each["raises"]]
+        table = read_table(each, len(own))
+        if not isinstance(table, Table) or table.by != "angles" or table.paths or len({*own}) < len(own):
             raise ValueError
-        turns.append((read_angle(each, nodes), table))
-    targets = tuple(str(name) for name in data["targets"])
-    if not turns or sum(table.table.shape[1] for _, table in turns) != len(targets):
+        if not {*own} <= {*range(len(targets))}:
+            raise ValueError
+        whole = np.zeros((len(table.rows), len(targets)))
+        whole[:, own] = table.table
+        turns.append((read_angle(each, nodes), replace(table, table=whole)))
+    if not turns:
         raise ValueError
     return TurnDrive(str(data["name"]), tuple(turns), targets, *read_strengths(data))

@@ -99,13 +99,34 @@ namespace Wrinkles
         }
     }
 
-    /// <summary>A field of wrinkles: folds by the turns of some joints, whose targets are those of its turns, one after the other.</summary>
+    /// <summary>A field of wrinkles: folds by the turns of some joints, the squares of whose weights add up, with signs, to 1 at most.</summary>
     sealed class Field : Drive
     {
         readonly Fold[] turns;
-        public Field(Json data) : base(data) { turns = Read.List(data, "turns").Select(each => new Fold((Json)each)).ToArray(); }
+        // By turn, the places of its targets.
+        readonly int[][] raises;
+        readonly int count;
+
+        public Field(Json data) : base(data)
+        {
+            var all = Read.List(data, "turns").Cast<Json>().ToArray();
+            turns = all.Select(each => new Fold(each)).ToArray();
+            count = Read.List(data, "targets").Count();
+            raises = all.Select(each => Read.Numbers(each["raises"]).Select(place => (int)place).ToArray()).ToArray();
+        }
+
         public override IEnumerable<string> Joints => turns.SelectMany(each => each.Joints);
-        public override double[] Weights(Frame frame, Func<string, double> morph) => turns.SelectMany(each => each.Weights(frame, morph)).ToArray();
+
+        public override double[] Weights(Frame frame, Func<string, double> morph)
+        {
+            var sums = new double[count];
+            for (var turn = 0; turn < turns.Length; turn++)
+            {
+                var weights = turns[turn].Weights(frame, morph);
+                for (var k = 0; k < weights.Length; k++) sums[raises[turn][k]] += weights[k] * Math.Abs(weights[k]);
+            }
+            return sums.Select(sum => Math.Sqrt(Math.Min(Math.Max(sum, 0), 1))).ToArray();
+        }
     }
 
     /// <summary>Flesh that swings after a joint, which goes along its clip's curve and beside that along the cubic through the

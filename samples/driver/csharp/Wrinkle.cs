@@ -40,7 +40,7 @@ namespace Wrinkles
     /// <summary>All drives of one node, in the order in which they act.</summary>
     public sealed class Body
     {
-        public const int Layout = 2;
+        public const int Layout = 3;
         // Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
         const double Left = 0.001, MostRounds = 100;
         /// <summary>A line for each drive that is left out or does not show.</summary>

@@ -71,6 +71,18 @@ static func fold(body, data):
 	return Numbers.times(1.0 / whole, sums)
 
 
+# The roots of the sums of the squares, with signs, of the weights of all turns, at most 1.
+static func field(body, data):
+	var sums = Numbers.times(0.0, range(data["targets"].size()))
+	for turn in data["turns"]:
+		var weights = fold(body, turn)
+		for k in range(weights.size()):
+			sums[int(turn["raises"][k])] += weights[k] * abs(weights[k])
+	for k in range(sums.size()):
+		sums[k] = sqrt(Numbers.smaller(Numbers.larger(sums[k], 0.0), 1.0))
+	return sums
+
+
 static func flesh(body, data, state):
 	var matrix = body.matrices[data["joint"]]
 	var before = state["time"] if state.get("clip") == body.clip else NAN

@@ -8,7 +8,7 @@
 const Numbers = preload("numbers.gd")
 const Joints = preload("joints.gd")
 # The layout of the extras that this reads; extras that name none have layout 1.
-const LAYOUT = 2
+const LAYOUT = 3
 # Of a loop that begins at rest so much of a swing is left when it is shown; and rounds that it plays unseen at most.
 const LEFT = 0.001
 const MOST_ROUNDS = 100
@@ -76,8 +76,7 @@ func weights(joint_matrices, own_morphs = {}, clip_name = "", seconds = 0.0, sin
 		elif data.has("joint"):
 			values = Joints.fold(self, data)
 		elif data.has("turns"):
-			for turn in data["turns"]:
-				values += Joints.fold(self, turn)
+			values = Joints.field(self, data)
 		else:
 			values = _segment(data, each["state"])
 		var factor = data.get("strengths", {}).get(clip, data.get("strength", 1.0))

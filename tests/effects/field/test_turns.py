@@ -251,26 +251,3 @@ def test_a_foot_that_stands_beside_its_leg_follows_it() -> None:
         assert [(leader, own.tolist()) for leader, own in led] == [(1, [2])] * beside
         found.append(Sweeps.of(ground.rig, turns, seed="a", led=led).matrices)
     assert found[1] == pytest.approx(found[0], abs=1e-9)
-
-
-def test_two_joints_side_by_side_turn_against_each_other_too() -> None:
-    asset = tube(joints=3, rings=31, clip=None)
-    nodes = asset.gltf["nodes"]
-    nodes[2]["children"].remove(3)
-    nodes[1]["children"].append(3)
-    clip: Json = {"name": "move"}
-    for node, farthest in ((2, 80.0), (3, -50.0)):
-        keys = [[0.0, 0.0, 0.0, 1.0], quaternion([0, 0, 1], farthest)]
-        asset.channel(clip, node, "rotation", [0.0, 1.0], keys)
-    asset.append("animations", clip)
-    ground, turns = found_in(asset, 2, 3)
-    sweeps = Sweeps.of(ground.rig, turns, ground.clips, seed="a")
-    *own, between = sweeps.turns
-    assert own == turns
-    assert not between.joints
-    assert {between.signal.node, between.signal.parent} == {2, 3}
-    assert degrees(between)[-1] == pytest.approx(130.0, abs=0.1)
-    # The two turn about opposite axes.
-    assert sweeps.angles[:, 2] == pytest.approx(sweeps.angles[:, 0] + sweeps.angles[:, 1], abs=1e-6)
-    measured = between.signal.angles(ground.rig, ground.clips[0], np.array([1.0])).rows
-    assert np.degrees(measured) == pytest.approx(130.0, abs=0.01)

@@ -157,7 +157,7 @@ def _attach(tool: Field, ground: Ground) -> AttachedField:
     )
     factors = factors_of(sweeps, measured.heights, sheet.areas, _MOST_SHAPES)
     tallest = float(measured.heights.max())
-    if not len(factors.turns) or tallest < _LEAST_HEIGHT * wavelength:
+    if not len(factors.shapes) or tallest < _LEAST_HEIGHT * wavelength:
         raise BakeError(
             f"hardly anything of {name} loses more than {100 * tool.slack:.3g} % of its length, the slack, as its"
             f" joints turn: folds would be {2.0 * tallest:.2g} high at most",
@@ -198,17 +198,14 @@ def _sweeps(tool: Field, ground: Ground, thickness: float, seed: str) -> Sweeps:
 
 
 def drive_of(tool: Field, sweeps: Sweeps, factors: Factors) -> TurnDrive:
-    """The weights of the shapes, turn by turn, as these are in order."""
-    turns = []
-    for number in np.unique(factors.turns).tolist():
-        turn = sweeps.turns[number]
-        columns = [
-            table for owner, table in zip(factors.turns.tolist(), factors.tables, strict=True) if owner == number
-        ]
-        weights = np.stack(columns, axis=1)
-        weights[weights < _LEAST_WEIGHT] = 0.0
-        turns.append((turn.signal, Table("angles", turn.angles, weights)))
-    names = tuple(f"wrinkle_{tool.identifier}_{number + 1}" for number in range(len(factors.turns)))
+    """The weights of the shapes, by all turns that raise them or pull them flat."""
+    acting = [np.where(np.abs(table) < _LEAST_WEIGHT, 0.0, table) for table in factors.tables]
+    turns = [
+        (turn.signal, Table("angles", turn.angles, table))
+        for turn, table in zip(sweeps.turns, acting, strict=True)
+        if table.any()
+    ]
+    names = tuple(f"wrinkle_{tool.identifier}_{number + 1}" for number in range(len(factors.shapes)))
     return TurnDrive(tool.name, tuple(turns), names, dict(tool.clips), tool.strength)
 
 

@@ -27,7 +27,7 @@ def field_effect(plan: MeshPlan, attached: AttachedField, deltas: Floats, middle
     """The effect of a field with (targets, fine vertices, 3) displacements at weight 1, bind space."""
     vertices, moves = moves_at_rest(plan.fine.blended, deltas)
     sweeps, factors = attached.sweeps, attached.factors
-    weights = weights_of(sweeps, factors.turns, factors.tables)
+    weights = weights_of(sweeps, factors.tables)
     # Normals are right where each shape has its greatest weight, where each turn is farthest, and in mixtures.
     rows = distinct_values(np.concatenate([np.argmax(weights, axis=0), sweeps.ends, np.flatnonzero(sweeps.owners < 0)]))
     morphs = plan.rest.morph_weights
@@ -67,7 +67,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         return replace(effect, targets=targets, drive=drive.weaker(most))
 
     def with_at_most(self, effect: Effect, most: int) -> Effect:
-        """Its main shapes alone: of each joint those that fold it most."""
+        """Its main shapes alone: those that fold most."""
         attached, drive = self.attached, effect.drive
         assert isinstance(drive, TurnDrive)
         if len(effect.targets) <= most:
@@ -81,7 +81,6 @@ class FieldWords(BodyWords[AttachedField], Remixes):
     def values(self, names: Sequence[str]) -> Json:
         """Its folds, the joints that turn it, and how far tables of their angles are off."""
         attached, factors = self.attached, self.attached.factors
-        between = {turn.signal for turn in attached.sweeps.turns if not turn.joints}
         return {
             "material": attached.tool.material,
             "wavelength": significant(attached.wavelength),
@@ -89,9 +88,8 @@ class FieldWords(BodyWords[AttachedField], Remixes):
             "turns": [
                 {
                     "joint": names[signal.node],
-                    **({"against": names[signal.parent]} if signal in between else {}),
                     "degrees": [round(float(np.degrees(end)), 1) for end in (table.rows[0], table.rows[-1])],
-                    "shapes": table.table.shape[1],
+                    "shapes": int(table.table.any(axis=0).sum()),
                 }
                 for signal, table in attached.drive.turns
             ],
@@ -120,7 +118,7 @@ class FieldWords(BodyWords[AttachedField], Remixes):
         absent = [names[node] for node in dict.fromkeys(turned) if node not in shown]
         if absent:
             found.append(
-                f"{name}: {listed(absent)} fold it too, but there is room for {len(attached.factors.turns)} shapes:"
+                f"{name}: {listed(absent)} fold it too, but there is room for {len(attached.factors.shapes)} shapes:"
                 " those of the joints that fold it most, or of the `joints` that are named"
             )
         return found

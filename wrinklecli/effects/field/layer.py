@@ -65,8 +65,9 @@ class FieldLayer(BodyLayer[AttachedField]):
 
     @property
     def sampled_numbers(self) -> int:
-        """Weights, and seven numbers of each turn."""
-        return sum(len(each) for each in self.deltas) + 7 * sum(len(each.drive.turns) for each in self.attached)
+        """Weights, and of each turn seven numbers and its parts of the weights."""
+        both = zip(self.deltas, self.attached, strict=True)
+        return sum(len(own) + len(each.drive.turns) * (7 + len(own)) for own, each in both)
 
     def words(self, plan: MeshPlan, attached: AttachedField, deltas: Floats) -> FieldWords:
         """The words of one of them about itself."""

@@ -132,7 +132,7 @@ def _poses(attached: AttachedField, ground: Ground) -> tuple[Floats, Floats, Boo
         rows.append(np.stack([np.broadcast_to(each, (3, 4, _MOMENTS)) for each in node_rows(rig, clip, times, nodes)]))
     known = dict(zip(nodes, np.concatenate(rows, axis=3), strict=True))
     read = drive.reader(rig, None)(np.zeros(_MOMENTS * len(moments)), known)
-    every = np.concatenate([drive.weights(None, read), weights_of(sweeps, factors.turns, factors.tables)])
+    every = np.concatenate([drive.weights(None, read), weights_of(sweeps, factors.tables)])
     of_clips = np.arange(len(every)) < len(every) - len(sweeps.matrices)
     chosen, apart = list[int](), (every**2).sum(axis=1)
     for own in (of_clips, ~of_clips):

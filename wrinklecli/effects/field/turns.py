@@ -4,26 +4,20 @@ Joints turn as far as clips turn them, about the principal axes of their turns t
 no clip turns any joint much, they turn as `character.range_of_motion` lets them. Several joints of a spine bend the
 same cloth, each by little: where they turn together, they count as one, which the last one shows against what is above
 the first.
-
-Two limbs fold the cloth between them no higher together than the one that bends farther does alone, and the greater of
-two numbers is half of their sum and of their difference. So the angle between two joints next to each other is a turn,
-too: no pose turns it by itself.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from wrinklecli.character.clip import Channel, Clip, sample
 from wrinklecli.character.motion import MOST_TURN, motion_clip, quaternion_product, turned_axis, turned_back, turning
-from wrinklecli.character.pose import joint_matrices, node_matrices, stored_positions
+from wrinklecli.character.pose import joint_matrices, stored_positions
 from wrinklecli.character.range_of_motion import TELLING, range_of_motion
 from wrinklecli.character.rig import Rig
 from wrinklecli.choices import Part
 from wrinklecli.drive.angle import JointAngle
-from wrinklecli.effects.field.compression import quaternions_of
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Floats, Ints, distinct_values, unit, unit_quaternions
 from wrinklecli.numeric.drawn import drawn
@@ -42,7 +36,7 @@ _LEAST_STEPS = 2
 _MOST = 32
 # Poses in which joints turn at once, each by its own part of its range, twice as many without clips; and those in which
 # all turn by the same part.
-_MIXTURES, _ALIKE = 4, 4
+_MIXTURES, _ALIKE = 12, 4
 # Moments of clips, evenly spread over all, that are among the poses: what is played should be right. They take a third
 # off the errors of heights in the sample's squat.
 _MOMENTS = 12
@@ -59,8 +53,7 @@ class Turn:
     Attributes:
         signal: The angle of the last joint about the axis, against what is above the first; its rest is as stored.
         angles: (steps,) sorted radians from the greatest turn one way to that the other way; 0 is among them.
-        joints: Each joint's own turn, and the part of the angle that it has; none for that between two joints, which
-            the signal measures as if the second were the parent of the first.
+        joints: Each joint's own turn, and the part of the angle that it has.
     """
 
     signal: JointAngle
@@ -255,7 +248,7 @@ class Sweeps:
     """Poses of a character: each turn through its range by itself, and mixtures of all.
 
     Attributes:
-        turns: The turns, first those of joints by themselves.
+        turns: The turns.
         angles: (poses, turns) radians.
         owners: (poses,) the number of the turn that is swept; -1 for mixtures.
         matrices: (poses, joints, 4, 4) bind to world space.
@@ -298,11 +291,7 @@ class Sweeps:
         stored = np.linalg.pinv(joint_matrices(rig, None, np.zeros(1))[0])
         for leader, own in led:
             matrices[:, own] = (matrices[:, leader] @ stored[leader])[:, None] @ matrices[:, own]
-        known: list[dict[int, Floats]] = [{} for _ in posed]
-        between = [_between(rig, nodes, posed, known) for nodes in _beside(rig, turns)]
-        wide = [(turn, seen) for turn, seen in between if turn.angles[-1] >= _LEAST]
-        angles = np.column_stack([angles, *(seen for _, seen in wide)])
-        return cls((*turns, *(turn for turn, _ in wide)), angles, np.array(owners), matrices)
+        return cls(tuple(turns), angles, np.array(owners), matrices)
 
     @property
     def ends(self) -> Ints:
@@ -338,30 +327,3 @@ def _posed(turns: Sequence[Turn], angles: Floats) -> Clip:
                     made = replace(made, values=np.concatenate([made.values[:1], turned]))
                 channels[joint.node] = made
     return motion_clip("", list(channels.values()))
-
-
-def _beside(rig: Rig, turns: Sequence[Turn]) -> list[tuple[int, int]]:
-    """Pairs of the joints whose angles are measured, of which the same turning joint, or none, is above both."""
-    moving = {joint.node for turn in turns for joint, _ in turn.joints}
-    above = {turn.signal.node: rig.next_above(turn.joints[0][0].node, moving) for turn in turns}
-    return [(one, other) for one, other in combinations(above, 2) if above[one] == above[other]]
-
-
-def _between(
-    rig: Rig, nodes: tuple[int, int], posed: Sequence[Clip], known: Sequence[dict[int, Floats]]
-) -> tuple[Turn, Floats]:
-    """The turn of a node against another one, about the axis about which they turn most, and (poses,) its angles.
-
-    `known` has what is known of each pose, as in `node_rows`.
-    """
-    stored = node_matrices(rig, None, np.zeros(1), nodes)[0, :, :3, :3]
-    one, other = stored / np.linalg.norm(stored, axis=1, keepdims=True)
-    whole = JointAngle(*nodes, np.zeros(3), quaternions_of((other.T @ one)[None])[0])
-    sines = np.concatenate(
-        [whole.angles(rig, clip, np.ones(1), seen).turns for clip, seen in zip(posed, known, strict=True)]
-    )
-    axis = np.linalg.svd(sines, full_matrices=False)[2][0]
-    angles = 2.0 * np.arctan2(sines @ axis, np.sqrt(np.maximum(1.0 - np.sum(sines**2, axis=1), 0.0)))
-    if -angles.min() >= angles.max():
-        axis, angles = -axis, -angles
-    return Turn(replace(whole, axis=axis), _steps(min(angles.min(), 0.0), max(angles.max(), 0.0)), ()), angles
