@@ -34,7 +34,7 @@ def bump(middle: float) -> Floats:
 
 
 def early(angle: Floats) -> Floats:
-    return np.sqrt(np.sin(0.75 * np.pi * angle / ANGLES[-1]))
+    return np.sqrt(np.sin(0.6 * np.pi * angle / ANGLES[-1]))
 
 
 def late(angle: Floats) -> Floats:
@@ -43,7 +43,7 @@ def late(angle: Floats) -> Floats:
 
 @cache
 def of_two_turns() -> tuple[Sweeps, Floats, Factors]:
-    """Two turns that raise a fold each, one most at two thirds of its bend, the other one at its end."""
+    """Two turns that raise a fold each, one most at five sixths of its bend, the other one at its end."""
     poses = sweeps(2)
     one, other = poses.angles.T
     heights = 0.03 * np.outer(early(one), bump(0.3)) + 0.02 * np.outer(late(other), bump(0.7))
