@@ -170,7 +170,10 @@ def test_targets_that_move_nothing_take_their_weights_along(rig: Rig, clips: lis
     ("change", "words"),
     [
         (lambda data: {**data, "strengths": {"fold": 0.0}}, "its strength is 0 in this clip"),
-        (lambda data: {**data, "turns": [TURNS[1]], "targets": ["a"]}, "none of its joints turns far enough"),
+        (
+            lambda data: {**data, "turns": [{**TURNS[1], "raises": [0]}], "targets": ["a"]},
+            "none of its joints turns far enough",
+        ),
     ],
 )
 def test_it_says_why_it_stays_flat(change: Callable[[Any], Any], words: str, rig: Rig, clips: list[Clip]) -> None:
