@@ -11,7 +11,7 @@ import numpy as np
 from wrinklecli.character.clip import Clip
 from wrinklecli.character.rig import Rig
 from wrinklecli.drive.angle import Angles, JointAngle, angles_of, read_angle
-from wrinklecli.drive.stored import Json, read_strengths, strengths_json
+from wrinklecli.drive.stored import Json, read_numbers, read_strengths, strengths_json
 from wrinklecli.drive.table import BaseDrive, Table, Weights, read_table
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import Bools, Floats
@@ -118,14 +118,14 @@ def read_turned(data: Json, nodes: Mapping[str, int]) -> TurnDrive:
     """
     turns, targets = [], tuple(str(name) for name in data["targets"])
     for each in data["turns"]:
-        own = [int(place) for place in each["raises"]]
+        own = read_numbers(each["raises"], -1)
         table = read_table(each, len(own))
-        if not isinstance(table, Table) or table.by != "angles" or table.paths or len({*own}) < len(own):
+        if not isinstance(table, Table) or table.by != "angles" or table.paths:
             raise ValueError
-        if not {*own} <= {*range(len(targets))}:
+        if not np.isin(own, np.arange(len(targets))).all() or len(np.unique(own)) < len(own):
             raise ValueError
         whole = np.zeros((len(table.rows), len(targets)))
-        whole[:, own] = table.table
+        whole[:, own.astype(np.intp)] = table.table
         turns.append((read_angle(each, nodes), replace(table, table=whole)))
     if not turns:
         raise ValueError

@@ -72,7 +72,8 @@ def test_an_engine_gets_the_main_shapes_of_a_field() -> None:
     (change,) = report["engine"]["meshes"][0]["reduced"]
     assert (change["from"], change["to"]) == (len(every), 4)
     (entry,) = report["fields"]
-    assert len(entry["targets"]) == sum(each["shapes"] for each in entry["turns"]) == 4
+    assert len(entry["targets"]) == 4
+    assert all(1 <= each["shapes"] <= 4 for each in entry["turns"])
     assert entry["error"] > report_of(whole).data["fields"][0]["error"]
     shown = {each["joint"] for each in entry["turns"]}
     hidden = {each["joint"] for each in report_of(whole).data["fields"][0]["turns"]} - shown
