@@ -56,8 +56,8 @@ def test_forms_of_a_bake_are_valid(options: Json) -> None:
 @cache
 def _many_turns() -> Path:
     """A tube with links that are longer than it is thick: in a crease of shorter ones, tall folds are lowered."""
-    asset = many_joints(6, rings=24)
-    return place(with_attribute(asset, "POSITION", attribute(asset, 0, "POSITION") * [1.0, 0.4, 0.4]))
+    asset = many_joints(16, rings=64)
+    return place(with_attribute(asset, "POSITION", attribute(asset, 0, "POSITION") * [1.0, 0.2, 0.2]))
 
 
 @pytest.mark.slow
@@ -161,7 +161,8 @@ def test_a_report_tells_of_turns_and_errors() -> None:
     (field,) = report_of(bake_once(TWO_BENDS(), top=ONE)).data["fields"]
     assert {each["joint"] for each in field["turns"]} == {"joint_1", "joint_2"}
     assert 0 <= field["least_error"] <= field["error"] + 1e-9 < 0.5
-    assert len(field["targets"]) == sum(each["shapes"] for each in field["turns"]) <= 4
+    # Turns share shapes, so each says how many it raises.
+    assert all(1 <= each["shapes"] <= len(field["targets"]) <= 4 for each in field["turns"])
 
 
 @pytest.mark.slow
