@@ -748,7 +748,7 @@ def test_a_field_says_how_its_joints_turn_and_how_far_clips_fold_it(wrinkle: Wri
     )
     assert entry["clips"][0]["height"] > 2.0 * entry["clips"][1]["height"]
     assert sorted(each["joint"] for each in entry["turns"]) == ["joint_1", "joint_1", "joint_2"]
-    assert sum(each["shapes"] for each in entry["turns"]) == len(entry["targets"])
+    assert all(1 <= each["shapes"] <= len(entry["targets"]) for each in entry["turns"])
     assert [each["name"] for each in data["tools"]] == [tool()["name"]]
 
 

@@ -290,6 +290,9 @@ def _fitted(
     squares = np.zeros((len(steps.owners), len(sides)))
     for column, side in zip(squares.T, sides, strict=True):
         column[steps.shares[side.poses].argmax(axis=1)] = side.shares
+    # A shape may be higher than its side's folds where these are seen, as other turns raise it there, too.
+    least = UNSEEN * float(heights.max())
+    limits = np.stack([side.tops / np.maximum(1.0 - side.tops / least, TINY) for side in sides])
     seen = seen_of(whole)
     for _ in range(_ROUNDS):
         products, wanted = (seen * parts) @ seen.T, (heights * parts) @ seen.T
@@ -306,7 +309,8 @@ def _fitted(
         seen, whole = tops[:, None] * seen, tops[:, None] * whole
         wanted, products = weights.T @ heights, weights.T @ weights
         for k, row in enumerate(products):
-            whole[k] = np.maximum(seen[k] + (wanted[k] - row @ seen) / max(row[k], TINY), 0.0)
+            nearest = seen[k] + (wanted[k] - row @ seen) / max(row[k], TINY)
+            whole[k] = np.clip(nearest, 0.0, limits[k])
             seen[k] = seen_of(whole[k], float(whole.max()))
     return whole, squares
 
