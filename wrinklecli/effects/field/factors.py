@@ -120,7 +120,7 @@ def factors_of(sweeps: Sweeps, heights: Floats, areas: Floats, most: int) -> Fac
     acting = np.zeros((len(sweeps.turns), heights.shape[1]), np.bool_)
     for side in sides:
         acting[side.turn] |= side.tops > least
-    chosen = sorted(sides, key=lambda side: -float(side.tops**2 @ parts))[:most]
+    chosen = _ranked(sweeps, sorted(sides, key=lambda side: -float(side.tops**2 @ parts)))[:most]
     steps = _Steps.of(sweeps)
     whole, squares = _fitted(steps, chosen, acting, heights, parts)
     tables = steps.tables(squares)
@@ -164,6 +164,16 @@ def _sides(sweeps: Sweeps, heights: Floats) -> Iterator[_Side]:
             if len(poses):
                 own = np.abs(sweeps.angles[poses, number])
                 yield _Side(number, poses, own / own.max(), heights[poses].max(axis=0))
+
+
+def _ranked(sweeps: Sweeps, sides: Sequence[_Side]) -> list[_Side]:
+    """Sorted sides: of each joint that which folds most, then the second of each, so that none is left out for another.
+
+    A trunk folds more cloth than an elbow does, but one looks at both.
+    """
+    nodes = [sweeps.turns[side.turn].signal.node for side in sides]
+    ranks = [nodes[:place].count(node) for place, node in enumerate(nodes)]
+    return [side for _, side in sorted(zip(ranks, sides, strict=True), key=lambda pair: pair[0])]
 
 
 def seen_of(heights: Floats, greatest: float | None = None) -> Floats:
