@@ -28,13 +28,17 @@ class TurnsSeen(NamedTuple):
         return self.angles[0].active
 
 
-def together(parts: Sequence[Floats] | Floats) -> Floats:
-    """(…,) weights by (turns, …) parts: the root of the sum of their squares, less those of parts below 0, at most 1.
+def squares_of(parts: Sequence[Floats] | Floats) -> Floats:
+    """(…,) sums of the squares of (turns, …) parts, less those of parts below 0."""
+    return np.asarray(np.sum([each * np.abs(each) for each in parts], axis=0))
+
+
+def together(parts: Sequence[Floats]) -> Floats:
+    """(…,) weights by (turns, …) parts: the roots of the sums of their squares with signs, at most 1.
 
     Lengths that turns take from cloth add up, those that they give it count against them, and heights go with the root.
     """
-    squares = np.sum([each * np.abs(each) for each in parts], axis=0)
-    return np.asarray(np.sqrt(np.clip(squares, 0.0, 1.0)))
+    return np.asarray(np.sqrt(np.clip(squares_of(parts), 0.0, 1.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

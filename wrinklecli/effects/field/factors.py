@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wrinklecli.drive.turned import together
+from wrinklecli.drive.turned import squares_of, together
 from wrinklecli.effects.field.turns import Sweeps
 from wrinklecli.frozen import dataclass
 from wrinklecli.numeric.arrays import TINY, Bools, Floats, Ints, interpolated
@@ -96,8 +96,8 @@ class Factors:
         order = np.repeat(np.arange(len(self.shapes)), 2)
         creases = np.arange(len(order)) % 2 > 0
         tables = [
-            table[:, order] * np.where((table[:, order] > 0.0) & creases, _late(turn.angles)[:, None], 1.0)
-            for turn, table in zip(sweeps.turns, self.tables, strict=True)
+            table * np.where((table > 0.0) & creases, _late(turn.angles)[:, None], 1.0)
+            for turn, table in zip(sweeps.turns, (each[:, order] for each in self.tables), strict=True)
         ]
         found = replace(
             self,
@@ -254,8 +254,7 @@ class _Steps:
 
     def weights(self, squares: Floats) -> Floats:
         """(poses, …) weights by tables with (steps, …) squares, which are not limited yet."""
-        looked_up = self.looked_up(squares)
-        return np.asarray(np.sqrt(np.maximum((looked_up * np.abs(looked_up)).sum(axis=0), 0.0)))
+        return np.asarray(np.sqrt(np.maximum(squares_of(self.looked_up(squares)), 0.0)))
 
     def nearer(self, squares: Floats, wanted: Floats, own: Bools) -> Floats:
         """(steps,) squares, of own ones alone, by which a shape's weights are nearer to (poses,) wanted ones.
@@ -263,7 +262,7 @@ class _Steps:
         A weight w is off by (w² - u) / (w + √u) where u is the sum of squares, which is all but linear in these.
         """
         looked_up = self.looked_up(squares)
-        sums = (looked_up * np.abs(looked_up)).sum(axis=0)
+        sums = squares_of(looked_up)
         roots = np.sqrt(np.maximum(sums, 0.0))
         slopes = self.shares * (np.abs(looked_up).T[:, self.owners] + _FAINT) / (np.abs(_roots(squares)) + _FAINT)
         slopes = slopes[:, own]
