@@ -148,17 +148,14 @@ class FieldKind(EffectKind[Field, AttachedField]):
 
     def lines(self, entry: Json) -> list[str]:
         """The lines of a field, a table of its joints, and one of its clips."""
-        joints = [
-            " – ".join([each["joint"], *([each["against"]] if "against" in each else [])]) for each in entry["turns"]
-        ]
-        width = max(map(len, joints))
+        width = max(len(each["joint"]) for each in entry["turns"])
         clips = max((len(each["name"]) for each in entry["clips"]), default=0)
         return [
             f"folds    {entry['wavelength']:.4g} from crest to crest, up to {entry['height_limit']:.3g} high",
             *(
-                f"{'' if number else 'turns':7}  {joint:{width}}  {each['degrees'][0]:g} to"
+                f"{'' if number else 'turns':7}  {each['joint']:{width}}  {each['degrees'][0]:g} to"
                 f" {each['degrees'][1]:g}°, {counted(each['shapes'], 'shape')}"
-                for number, (joint, each) in enumerate(zip(joints, entry["turns"], strict=True))
+                for number, each in enumerate(entry["turns"])
             ),
             f"error    {100 * entry['error']:.3g} % of the heights; the best weights leave"
             f" {100 * entry['least_error']:.3g} %",
