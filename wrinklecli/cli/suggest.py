@@ -281,12 +281,15 @@ def _sided(name: str, mirrored: bool) -> str:
 
 
 # By their headings, the columns of the tables of fields and tools: each gives the cell of one.
-_FIELDS: Mapping[str, Callable[[Any], str]] = {
-    "field": lambda each: each.field.name,
-    "mesh": lambda each: each.mesh,
+_PEAK: Mapping[str, Callable[[Any], str]] = {
     "clip": lambda each: each.clip,
     "at": lambda each: f"{each.time:.2f} s",
     "keep": lambda each: _percent(each.judgement),
+}
+_FIELDS: Mapping[str, Callable[[Any], str]] = {
+    "field": lambda each: each.field.name,
+    "mesh": lambda each: each.mesh,
+    **_PEAK,
     "height": lambda each: f"{each.height:.3g}",
     "wavelength": lambda each: f"{each.wavelength:.3g}",
     "targets": lambda each: str(each.targets),
@@ -297,9 +300,7 @@ _TOOLS: Mapping[str, Callable[[Any], str]] = {
     "mesh": lambda each: each.mesh,
     "place": lambda each: each.words_of_both,
     "of": lambda each: "" if each.substance is None else each.substance.kind,
-    "clip": lambda each: each.clip,
-    "at": lambda each: f"{each.time:.2f} s",
-    "keep": lambda each: _percent(each.judgement),
+    **_PEAK,
     "shortens": lambda each: f"{100 * each.shortening:.0f} %",
     "height": lambda each: f"{each.height:.2g}",
     "on a GPU": lambda each: megabytes(each.gpu_bytes),
