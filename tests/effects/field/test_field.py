@@ -56,8 +56,8 @@ def test_forms_of_a_bake_are_valid(options: Json) -> None:
 @cache
 def _many_turns() -> Path:
     """A tube with links that are longer than it is thick: in a crease of shorter ones, tall folds are lowered."""
-    asset = many_joints(24, rings=72)
-    return place(with_attribute(asset, "POSITION", attribute(asset, 0, "POSITION") * [1.0, 0.15, 0.15]))
+    asset = many_joints(10, rings=40)
+    return place(with_attribute(asset, "POSITION", attribute(asset, 0, "POSITION") * [1.0, 0.2, 0.2]))
 
 
 @pytest.mark.slow
